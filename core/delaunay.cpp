@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/delaunay.h"
+
+#include <CGAL/Delaunay_triangulation_3.h>
+#include <CGAL/Delaunay_triangulation_cell_base_3.h>
+#include <CGAL/Triangulation_data_structure_3.h>
+#include <CGAL/Triangulation_vertex_base_3.h>
+#include <CGAL/spatial_sort.h>
+
+#include <algorithm>
+#include <numeric>
+
+#include "core/base/check.h"
+#include "core/base/parallel.h"
+#include "core/predicates.h"
+
+namespace spherule {
+
+namespace {
+
+// A lattice point that remembers its index; 16 bytes, so that a CGAL vertex has 24.
+struct IndexedPoint {
+  LatticePoint at;
+  std::uint32_t index = 0;
+
+  // For CGAL's approximate walk, whose result is then made exact.
+  double x() const { return at.x; }
+  double y() const { return at.y; }
+  double z() const { return at.z; }
+  friend bool operator==(const IndexedPoint& a, const IndexedPoint& b) { return a.at == b.at; }
+  friend bool operator!=(const IndexedPoint& a, const IndexedPoint& b) { return a.at != b.at; }
+  friend std::ostream& operator<<(std::ostream& out, const IndexedPoint&) { return out; }
+  friend std::istream& operator>>(std::istream& in, IndexedPoint&) { return in; }
+};
+
+// Twice the signed area of three points, projected along the axis other than u and v.
+std::int64_t area(LatticePoint p, LatticePoint q, LatticePoint r, int u, int v) {
+  return (std::int64_t{q[u]} - p[u]) * (std::int64_t{r[v]} - p[v]) -
+         (std::int64_t{q[v]} - p[v]) * (std::int64_t{r[u]} - p[u]);
+}
+// The first projection in which three points are not collinear, and their area there; 0 if they are collinear in space.
+struct Projection {
+  int u, v;
+  std::int64_t area;
+};
+Projection projection(LatticePoint p, LatticePoint q, LatticePoint r) {
+  for (const auto [u, v] : {std::array{0, 1}, std::array{1, 2}, std::array{0, 2}}) {
+    if (const auto a = area(p, q, r, u, v); a != 0) return {u, v, a};
+  }
+  return {0, 1, 0};
+}
+
+// Of four coplanar points, whether t is within the circle through p, q, r (1 inside, 0 on it, -1 outside). The
+// in-circle determinant of a plane changes only by a factor under the projection to two coordinates if the lifts stay
+// those of space.
+int in_coplanar_circle(LatticePoint p, LatticePoint q, LatticePoint r, LatticePoint t) {
+  using exact::operator-;
+  const auto [u, v, pqr] = projection(p, q, r);
+  const exact::Wide lifted = exact::Wide{exact::squared_length(p - t)} * area(t, q, r, u, v) +
+                             exact::Wide{exact::squared_length(q - t)} * area(t, r, p, u, v) +
+                             exact::Wide{exact::squared_length(r - t)} * area(t, p, q, u, v);
+  return pqr > 0 ? exact::sign(lifted) : -exact::sign(lifted);
+}
+
+// The geometry that CGAL's triangulation asks for, on integers. Types that its unused members name exist but hold
+// nothing.
+struct LatticeTraits {
+  using Point_3 = IndexedPoint;
+  struct Segment_3 {};
+  struct Triangle_3 {};
+  struct Tetrahedron_3 {};
+  struct Line_3 {};
+  struct Ray_3 {};
+  struct Object_3 {};
+
+  struct Construct_point_3 {
+    using result_type = const Point_3&;
+    const Point_3& operator()(const Point_3& p) const { return p; }
+  };
+  struct Construct_segment_3 {};
+  struct Construct_triangle_3 {};
+  struct Construct_tetrahedron_3 {};
+  struct Compare_xyz_3 {
+    CGAL::Comparison_result operator()(const Point_3& p, const Point_3& q) const {
+      return p.at < q.at ? CGAL::SMALLER : p.at == q.at ? CGAL::EQUAL : CGAL::LARGER;
+    }
+  };
+  struct Coplanar_orientation_3 {
+    CGAL::Orientation operator()(const Point_3& p, const Point_3& q, const Point_3& r) const {
+      return CGAL::sign(projection(p.at, q.at, r.at).area);
+    }
+  };
+  struct Orientation_3 {
+    CGAL::Orientation operator()(const Point_3& p, const Point_3& q, const Point_3& r, const Point_3& s) const {
+      return static_cast<CGAL::Orientation>(exact::orientation(p.at, q.at, r.at, s.at));
+    }
+  };
+  struct Coplanar_side_of_bounded_circle_3 {
+    CGAL::Bounded_side operator()(const Point_3& p, const Point_3& q, const Point_3& r, const Point_3& t) const {
+      return static_cast<CGAL::Bounded_side>(in_coplanar_circle(p.at, q.at, r.at, t.at));
+    }
+  };
+  // Breaks ties itself, by CGAL's own rule, because the cofactors that decide are at hand.
+  struct Side_of_oriented_sphere_3 {
+    CGAL::Oriented_side operator()(const Point_3& p, const Point_3& q, const Point_3& r, const Point_3& s,
+                                   const Point_3& t) const {
+      return static_cast<CGAL::Oriented_side>(exact::perturbed_in_sphere(p.at, q.at, r.at, s.at, t.at));
+    }
+  };
+  // Axes for the spatial sort.
+  template <int axis>
+  struct Less {
+    bool operator()(const Point_3& p, const Point_3& q) const { return p.at[axis] < q.at[axis]; }
+  };
+  using Less_x_3 = Less<0>;
+  using Less_y_3 = Less<1>;
+  using Less_z_3 = Less<2>;
+
+  Construct_point_3 construct_point_3_object() const { return {}; }
+  Construct_segment_3 construct_segment_3_object() const { return {}; }
+  Construct_triangle_3 construct_triangle_3_object() const { return {}; }
+  Construct_tetrahedron_3 construct_tetrahedron_3_object() const { return {}; }
+  Compare_xyz_3 compare_xyz_3_object() const { return {}; }
+  Coplanar_orientation_3 coplanar_orientation_3_object() const { return {}; }
+  Orientation_3 orientation_3_object() const { return {}; }
+  Coplanar_side_of_bounded_circle_3 coplanar_side_of_bounded_circle_3_object() const { return {}; }
+  Side_of_oriented_sphere_3 side_of_oriented_sphere_3_object() const { return {}; }
+  Less_x_3 less_x_3_object() const { return {}; }
+  Less_y_3 less_y_3_object() const { return {}; }
+  Less_z_3 less_z_3_object() const { return {}; }
+};
+
+using Triangulation = CGAL::Delaunay_triangulation_3<
+    LatticeTraits, CGAL::Triangulation_data_structure_3<CGAL::Triangulation_vertex_base_3<LatticeTraits>,
+                                                        CGAL::Delaunay_triangulation_cell_base_3<LatticeTraits>>>;
+
+// The same oriented tetrahedron, smallest index first, then the smallest of the rest.
+Tetrahedron canonical(Tetrahedron t) {
+  const auto least = std::ranges::min_element(t) - t.begin();
+  // Swapping two pairs keeps the orientation.
+  if (least == 1) t = {t[1], t[0], t[3], t[2]};
+  if (least == 2) t = {t[2], t[3], t[0], t[1]};
+  if (least == 3) t = {t[3], t[2], t[1], t[0]};
+  std::rotate(t.begin() + 1, std::min_element(t.begin() + 1, t.end()), t.end());
+  return t;
+}
+
+// Ascending order by counting on the first index; the few cells that share it are sorted directly.
+Tetrahedralization sorted(const Tetrahedralization& cells, std::size_t point_count, const Context& context) {
+  std::vector<std::size_t> start(point_count + 1, 0);
+  for (const Tetrahedron& t : cells) ++start[t[0] + 1];
+  std::partial_sum(start.begin(), start.end(), start.begin());
+  Tetrahedralization result(cells.size());
+  auto next = start;
+  for (const Tetrahedron& t : cells) result[next[t[0]]++] = t;
+  parallel_for(context, {}, point_count, 1 << 14, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) {
+      std::sort(result.begin() + static_cast<std::ptrdiff_t>(start[v]),
+                result.begin() + static_cast<std::ptrdiff_t>(start[v + 1]));
+    }
+  });
+  return result;
+}
+
+Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Context& context) {
+  std::vector<IndexedPoint> order(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) order[i] = {points[i], static_cast<std::uint32_t>(i)};
+  CGAL::spatial_sort(order.begin(), order.end(), LatticeTraits{});
+
+  constexpr std::size_t kReportEvery = 4096;
+  Triangulation triangulation;
+  Triangulation::Cell_handle hint;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (i % kReportEvery == 0) {
+      context.throw_if_cancelled();
+      context.report("delaunay", 0.95 * static_cast<double>(i) / static_cast<double>(order.size()));
+    }
+    hint = triangulation.insert(order[i], hint)->cell();
+  }
+  SPHERULE_CHECK(triangulation.number_of_vertices() == points.size());
+
+  Tetrahedralization cells;
+  if (triangulation.dimension() < 3) return cells;
+  cells.reserve(triangulation.number_of_finite_cells());
+  for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
+    Tetrahedron t;
+    for (int i = 0; i < 4; ++i) t[static_cast<std::size_t>(i)] = cell->vertex(i)->point().index;
+    cells.push_back(canonical(t));
+  }
+  return cells;
+}
+
+// A facet, filed under its smallest corner.
+struct Facet {
+  std::uint32_t middle, largest;
+  std::uint32_t cell;
+  std::uint8_t opposite;
+};
+
+}  // namespace
+
+Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Context& context) {
+  SPHERULE_CHECK(points.size() < no_cell);
+  // The triangulation is freed before its cells are sorted: the peak is the triangulation plus one list of cells.
+  const Tetrahedralization cells = finite_cells(points, context);
+  return sorted(cells, points.size(), context);
+}
+
+std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,
+                                                     const Context& context) {
+  const auto corners = [](const Tetrahedron& t, std::size_t opposite) {
+    std::array<std::uint32_t, 3> f{t[(opposite + 1) % 4], t[(opposite + 2) % 4], t[(opposite + 3) % 4]};
+    std::ranges::sort(f);
+    return f;
+  };
+  std::vector<std::size_t> start(point_count + 1, 0);
+  for (const Tetrahedron& t : cells) {
+    for (std::size_t i = 0; i < 4; ++i) ++start[corners(t, i)[0] + 1];
+  }
+  std::partial_sum(start.begin(), start.end(), start.begin());
+  context.throw_if_cancelled();
+
+  std::vector<Facet> facets(4 * cells.size());
+  {
+    auto next = start;
+    for (std::size_t c = 0; c < cells.size(); ++c) {
+      for (std::size_t i = 0; i < 4; ++i) {
+        const auto [least, middle, largest] = corners(cells[c], i);
+        facets[next[least]++] = {middle, largest, static_cast<std::uint32_t>(c), static_cast<std::uint8_t>(i)};
+      }
+    }
+  }
+  std::vector<std::array<std::uint32_t, 4>> result(cells.size(), {no_cell, no_cell, no_cell, no_cell});
+  parallel_for(context, "neighbours", point_count, 1 << 14, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) {
+      const auto from = facets.begin() + static_cast<std::ptrdiff_t>(start[v]),
+                 to = facets.begin() + static_cast<std::ptrdiff_t>(start[v + 1]);
+      std::sort(from, to, [](const Facet& a, const Facet& b) {
+        return std::tie(a.middle, a.largest) < std::tie(b.middle, b.largest);
+      });
+      for (auto f = from; f != to && f + 1 != to; ++f) {
+        const Facet &a = f[0], &b = f[1];
+        if (a.middle != b.middle || a.largest != b.largest) continue;
+        result[a.cell][a.opposite] = b.cell;
+        result[b.cell][b.opposite] = a.cell;
+      }
+    }
+  });
+  return result;
+}
+
+std::size_t count_not_delaunay(std::span<const LatticePoint> points, std::span<const Tetrahedron> cells,
+                               std::span<const std::array<std::uint32_t, 4>> neighbours, const Context& context) {
+  SPHERULE_CHECK(cells.size() == neighbours.size());
+  constexpr std::size_t kGrain = 1 << 16;
+  std::vector<std::size_t> violations((cells.size() + kGrain - 1) / kGrain, 0);
+  parallel_for(context, "empty spheres", cells.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const auto& [a, b, d, e] = cells[c];
+      if (exact::orientation(points[a], points[b], points[d], points[e]) <= 0) {
+        ++violations[begin / kGrain];
+        continue;
+      }
+      for (const std::uint32_t other : neighbours[c]) {
+        if (other == no_cell || other < c) continue;
+        const auto apex = std::ranges::find_if(
+            cells[other], [&](std::uint32_t v) { return std::ranges::find(cells[c], v) == cells[c].end(); });
+        SPHERULE_CHECK(apex != cells[other].end());
+        violations[begin / kGrain] +=
+            exact::in_sphere(points[a], points[b], points[d], points[e], points[*apex]).value > 0;
+      }
+    }
+  });
+  return std::accumulate(violations.begin(), violations.end(), std::size_t{0});
+}
+
+}  // namespace spherule

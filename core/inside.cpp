@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/inside.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <numeric>
+#include <type_traits>
+
+#include "core/base/int128.h"
+#include "core/base/parallel.h"
+
+namespace spherule {
+
+SampleBits::SampleBits(std::array<std::int32_t, 3> dims)
+    : dims_(dims),
+      words_((static_cast<std::size_t>(dims[0]) + 63) / 64),
+      bits_(words_ * static_cast<std::size_t>(dims[1]) * static_cast<std::size_t>(dims[2])) {}
+
+std::uint64_t SampleBits::count() const {
+  return std::accumulate(bits_.begin(), bits_.end(), std::uint64_t{0}, [](std::uint64_t sum, std::uint64_t word) {
+    return sum + static_cast<std::uint64_t>(std::popcount(word));
+  });
+}
+
+namespace {
+
+constexpr std::size_t kRowsPerPiece = 256;
+
+void validate(const ObjectRule& rule) {
+  if (rule.kind == ObjectRule::Kind::labels) {
+    if (rule.labels.empty())
+      throw Error(ErrorCode::invalid_argument, "Name at least one label.", {{"/labels", "must not be empty"}});
+    return;
+  }
+  if (!std::isfinite(rule.lo)) {
+    throw Error(ErrorCode::invalid_argument, "The threshold must be a finite number.",
+                {{"/threshold", "must be finite"}});
+  }
+  if (rule.kind == ObjectRule::Kind::range && !(std::isfinite(rule.hi) && rule.lo <= rule.hi)) {
+    throw Error(ErrorCode::invalid_argument, "The range must be two finite numbers, the smaller one first.",
+                {{"/range", "must be [lo, hi] with lo <= hi"}});
+  }
+}
+
+// Eight bytes of 0 or 1 to eight bits: byte i of x moves to bit 56 + i of the product, and nothing else reaches the top
+// byte.
+std::uint64_t pack8(const std::uint8_t* flags) {
+  std::uint64_t x;
+  std::memcpy(&x, flags, 8);
+  return (x * 0x0102040810204080ULL) >> 56;
+}
+
+// Flags first, bits second: compilers vectorise the comparison when it writes whole bytes.
+template <typename T, typename Predicate>
+void classify_row(const T* values, std::size_t count, std::span<std::uint64_t> words, Predicate inside) {
+  std::array<std::uint8_t, 64> flags;
+  for (std::size_t w = 0; w < words.size(); ++w) {
+    const T* from = values + 64 * w;
+    const std::size_t n = std::min<std::size_t>(64, count - 64 * w);
+    if (n == 64) {
+      for (std::size_t i = 0; i < 64; ++i) flags[i] = inside(from[i]);
+    } else {
+      flags.fill(0);
+      for (std::size_t i = 0; i < n; ++i) flags[i] = inside(from[i]);
+    }
+    std::uint64_t word = 0;
+    for (std::size_t b = 0; b < 8; ++b) word |= pack8(&flags[8 * b]) << (8 * b);
+    words[w] = word;
+  }
+}
+
+template <typename T, typename Predicate>
+SampleBits classify(const std::array<std::int32_t, 3>& dims, std::span<const T> samples, const Context& context,
+                    Predicate inside) {
+  SampleBits bits(dims);
+  const auto nx = static_cast<std::size_t>(dims[0]);
+  const std::size_t rows = static_cast<std::size_t>(dims[1]) * static_cast<std::size_t>(dims[2]);
+  parallel_for(context, "samples", rows, kRowsPerPiece, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t r = begin; r < end; ++r) {
+      const auto j = static_cast<std::int32_t>(r % static_cast<std::size_t>(dims[1]));
+      const auto k = static_cast<std::int32_t>(r / static_cast<std::size_t>(dims[1]));
+      classify_row(samples.data() + r * nx, nx, bits.row(j, k), inside);
+    }
+  });
+  return bits;
+}
+
+// The least stored integer from which on `holds` is true, given that it is false below and true above; one past the
+// largest when it never holds.
+template <typename T, typename Predicate>
+Int128 first_where(Predicate holds) {
+  Int128 lo = std::numeric_limits<T>::min();
+  Int128 hi = static_cast<Int128>(std::numeric_limits<T>::max()) + 1;
+  while (lo < hi) {
+    const Int128 middle = lo + (hi - lo) / 2;
+    if (holds(static_cast<T>(middle))) {
+      hi = middle;
+    } else {
+      lo = middle + 1;
+    }
+  }
+  return lo;
+}
+
+// value -> slope·value + intercept is monotone, also as rounded in double, so the stored integers whose value passes a
+// two-sided comparison form an interval, and one subtraction and one unsigned comparison decide a sample.
+template <typename T, typename AtLeast, typename AtMost>
+SampleBits classify_interval(const Volume& volume, std::span<const T> samples, const Context& context, bool complement,
+                             AtLeast at_least, AtMost at_most) {
+  const auto value = [&](T stored) { return volume.slope * static_cast<double>(stored) + volume.intercept; };
+  Int128 first, past;
+  if (volume.slope > 0) {
+    first = first_where<T>([&](T s) { return at_least(value(s)); });
+    past = first_where<T>([&](T s) { return !at_most(value(s)); });
+  } else {
+    first = first_where<T>([&](T s) { return at_most(value(s)); });
+    past = first_where<T>([&](T s) { return !at_least(value(s)); });
+  }
+  using U = std::make_unsigned_t<T>;
+  if (first >= past) {
+    return classify(volume.grid.dims, samples, context, [complement](T) { return complement; });
+  }
+  const U base = static_cast<U>(first);
+  const U width = static_cast<U>(past - 1 - first);
+  return classify(volume.grid.dims, samples, context,
+                  [=](T s) { return (static_cast<U>(static_cast<U>(s) - base) <= width) != complement; });
+}
+
+template <typename T, typename AtLeast, typename AtMost>
+SampleBits classify_values(const Volume& volume, std::span<const T> samples, const Context& context, bool complement,
+                           AtLeast at_least, AtMost at_most) {
+  if constexpr (std::is_integral_v<T>) {
+    return classify_interval(volume, samples, context, complement, at_least, at_most);
+  } else {
+    const double slope = volume.slope, intercept = volume.intercept;
+    return classify(volume.grid.dims, samples, context, [=](T stored) {
+      const double value = slope * static_cast<double>(stored) + intercept;
+      // NaN compares false with everything, itself included, and stays outside on either side.
+      return complement ? value == value && !(at_least(value) && at_most(value)) : at_least(value) && at_most(value);
+    });
+  }
+}
+
+template <typename T>
+SampleBits classify_labels(const Volume& volume, std::span<const T> samples, const std::vector<std::int64_t>& labels,
+                           bool complement, const Context& context) {
+  const auto listed = [&](double value) {
+    const auto at = std::lower_bound(labels.begin(), labels.end(), value,
+                                     [](std::int64_t label, double v) { return static_cast<double>(label) < v; });
+    return at != labels.end() && static_cast<double>(*at) == value;
+  };
+  const auto inside = [&](T stored) {
+    const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
+    return value == value && listed(value) != complement;
+  };
+  if constexpr (sizeof(T) <= 2) {
+    // Every stored value once, instead of every sample.
+    std::vector<std::uint8_t> table(std::size_t{1} << (8 * sizeof(T)));
+    using U = std::make_unsigned_t<T>;
+    for (std::size_t u = 0; u < table.size(); ++u) table[u] = inside(static_cast<T>(static_cast<U>(u)));
+    return classify(volume.grid.dims, samples, context, [&](T stored) { return table[static_cast<U>(stored)] != 0; });
+  } else {
+    return classify(volume.grid.dims, samples, context, inside);
+  }
+}
+
+}  // namespace
+
+InsideSamples classify_samples(const Volume& volume, const ObjectRule& rule, const Context& context) {
+  validate(rule);
+  const bool complement = rule.side == Side::below;
+  const double lo = rule.lo, hi = rule.hi;
+  return visit_voxels(volume, [&]<typename T>(std::span<const T> samples) -> InsideSamples {
+    switch (rule.kind) {
+      case ObjectRule::Kind::threshold:
+        return {
+            classify_values(
+                volume, samples, context, complement, [lo](double v) { return v >= lo; }, [](double) { return true; }),
+            {}};
+      case ObjectRule::Kind::range:
+        return {classify_values(
+                    volume, samples, context, complement, [lo](double v) { return v >= lo; },
+                    [hi](double v) { return v <= hi; }),
+                classify_values(
+                    volume, samples, context, false, [hi](double v) { return v > hi; }, [](double) { return true; })};
+      case ObjectRule::Kind::labels: break;
+    }
+    return {classify_labels(volume, samples, rule.labels, complement, context), {}};
+  });
+}
+
+}  // namespace spherule

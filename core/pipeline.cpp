@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/pipeline.h"
+
+#include <chrono>
+
+#include "core/boundary.h"
+#include "core/delaunay.h"
+
+namespace spherule {
+
+BuiltModel build_model(const Volume& volume, const ObjectRule& rule, const ModelLimits& limits,
+                       const Context& context) {
+  BuiltModel built;
+  const auto timed = [&](const char* stage, auto&& work) {
+    context.throw_if_cancelled();
+    const auto begin = std::chrono::steady_clock::now();
+    auto result = work();
+    built.timings.push_back({stage, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()});
+    return result;
+  };
+  const InsideSamples samples = timed("samples", [&] { return classify_samples(volume, rule, context); });
+  BoundaryPoints boundary =
+      timed("boundary", [&] { return extract_boundary(volume, rule, samples, limits.max_points, context); });
+  if (boundary.points.empty()) {
+    const bool all = samples.inside.count() > 0;
+    throw Error(ErrorCode::unusable,
+                all ? "Every voxel is inside the object and its border is open, so it has no surface; choose another "
+                      "threshold or a closed border."
+                    : "No voxel is inside the object; choose a threshold within the range of the volume's values.");
+  }
+  if (boundary.touches_border && rule.border == Border::open) {
+    built.warnings.emplace_back(
+        "The object reaches the border of the volume and is left open there; border \"closed\" closes it.");
+  }
+  if (boundary.touches_border && rule.border == Border::closed) {
+    built.warnings.emplace_back("The object reaches the border of the volume and is closed half a voxel beyond it.");
+  }
+  Tetrahedralization cells = timed("delaunay", [&] { return tetrahedralize(boundary.points, context); });
+  if (cells.empty()) {
+    throw Error(ErrorCode::unusable,
+                "The object's boundary points lie in one plane, so there is no solid to model; use a closed border or "
+                "a larger volume.");
+  }
+  built.model = timed("spheres", [&] {
+    return classify_spheres(volume, rule, samples, std::move(boundary), std::move(cells), context);
+  });
+  built.boundary_point_density_mm = boundary_point_density(*built.model.solid, context);
+  return built;
+}
+
+}  // namespace spherule

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/spheres.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "core/base/check.h"
+#include "core/base/parallel.h"
+#include "core/predicates.h"
+
+namespace spherule {
+
+namespace {
+
+constexpr std::size_t kGrain = 1 << 14;
+
+// Circumcentre minus the first corner, in lattice units. Numerators and denominator are exact integers, each rounded
+// once and divided: every component has a relative error below 3 · 2^-53, whatever the shape of the cell.
+//   centre - a = (|b|² c×d + |c|² d×b + |d|² b×c) / (2 det(b, c, d)),   b, c, d taken from a
+// Bound: a component of a cross product is below 2^49, times 2^49.6, three of them: below 2^101.
+Vec3 centre_offset(exact::Difference b, exact::Difference c, exact::Difference d) {
+  const exact::Wide bb = exact::squared_length(b), cc = exact::squared_length(c), dd = exact::squared_length(d);
+  const auto x = bb * (c.y * d.z - c.z * d.y) + cc * (d.y * b.z - d.z * b.y) + dd * (b.y * c.z - b.z * c.y);
+  const auto y = bb * (c.z * d.x - c.x * d.z) + cc * (d.z * b.x - d.x * b.z) + dd * (b.z * c.x - b.x * c.z);
+  const auto z = bb * (c.x * d.y - c.y * d.x) + cc * (d.x * b.y - d.y * b.x) + dd * (b.x * c.y - b.y * c.x);
+  const double twice = 2 * static_cast<double>(exact::determinant(b, c, d));
+  return {static_cast<double>(x) / twice, static_cast<double>(y) / twice, static_cast<double>(z) / twice};
+}
+
+// A cell's circumsphere relative to its first corner, in lattice units.
+struct Circumsphere {
+  Vec3 offset;
+  double radius;  // the least distance from the centre to a corner: the ball then holds none of them
+};
+
+Circumsphere circumsphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  using exact::operator-;
+  const std::array<exact::Difference, 3> corners{b - a, c - a, d - a};
+  const Vec3 offset = centre_offset(corners[0], corners[1], corners[2]);
+  double least = squared_norm(offset);
+  for (const auto& p : corners) {
+    least = std::min(least, squared_norm(offset - Vec3{static_cast<double>(p.x), static_cast<double>(p.y),
+                                                       static_cast<double>(p.z)}));
+  }
+  return {offset, std::sqrt(least)};
+}
+
+// The volume as the classification sees it: sample bits at lattice planes, and values in between.
+class SampledObject {
+ public:
+  SampledObject(const Volume& volume, const ObjectRule& rule, const SampleBits& inside, const Lattice& lattice)
+      : volume_(volume), rule_(rule), inside_(inside), lattice_(lattice) {
+    for (int a = 0; a < 3; ++a) {
+      const auto n = volume.grid.dims[static_cast<std::size_t>(a)];
+      first_[static_cast<std::size_t>(a)] = rule.border == Border::closed ? -1 : 0;
+      last_[static_cast<std::size_t>(a)] = rule.border == Border::closed ? n : n - 1;
+      steps_per_unit_[static_cast<std::size_t>(a)] =
+          static_cast<double>(n + 1) / static_cast<double>(lattice.plane(a, n) - lattice.plane(a, -1));
+    }
+  }
+
+  bool cell_is_inside(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) const {
+    using exact::operator-;
+    const Vec3 offset = centre_offset(b - a, c - a, d - a);
+    const Vec3 centre = Vec3{static_cast<double>(a.x), static_cast<double>(a.y), static_cast<double>(a.z)} + offset;
+
+    // The centre's error is below 2^-24 of a unit wherever it is within reach of the grid, so the sample nearest to the
+    // true centre is among those whose planes are nearest to the computed one, with both planes tried where it lies
+    // this close to the middle.
+    constexpr double kAmbiguous = 1.0 / 1024;
+    std::array<std::array<std::int32_t, 2>, 3> near;
+    for (int axis = 0; axis < 3; ++axis)
+      near[static_cast<std::size_t>(axis)] = nearest_planes(axis, centre[axis], kAmbiguous);
+    for (std::size_t choice = 0; choice < 8; ++choice) {
+      const std::array<std::size_t, 3> side{choice & 1, (choice >> 1) & 1, choice >> 2};
+      std::array<std::int32_t, 3> s;
+      bool repeated = false;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        s[axis] = near[axis][side[axis]];
+        repeated |= side[axis] == 1 && near[axis][0] == near[axis][1];
+      }
+      if (repeated) continue;
+      const LatticePoint sample{lattice_.plane(0, s[0]), lattice_.plane(1, s[1]), lattice_.plane(2, s[2])};
+      if (exact::in_sphere(a, b, c, d, sample).value > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
+    }
+    return interpolated_inside(centre);
+  }
+
+ private:
+  // The sample planes nearest to a coordinate: twice the same one unless the coordinate is `ambiguous` close to the
+  // middle.
+  std::array<std::int32_t, 2> nearest_planes(int axis, double coordinate, double ambiguous) const {
+    const std::int32_t below = plane_below(axis, coordinate);
+    const double middle = 0.5 * (lattice_.plane(axis, below) + lattice_.plane(axis, below + 1));
+    if (coordinate < middle - ambiguous) return {below, below};
+    if (coordinate > middle + ambiguous) return {below + 1, below + 1};
+    return {below, below + 1};
+  }
+  // The last plane i with plane(i) <= coordinate, kept within [first, last - 1].
+  std::int32_t plane_below(int axis, double coordinate) const {
+    const auto a = static_cast<std::size_t>(axis);
+    const double steps = (coordinate - lattice_.plane(axis, -1)) * steps_per_unit_[a] - 1;
+    // Planes are rounded by half a unit of at least 64 a step: the estimate is at most one plane off.
+    auto i = static_cast<std::int32_t>(
+        std::clamp(std::floor(steps), static_cast<double>(first_[a]), static_cast<double>(last_[a] - 1)));
+    if (i > first_[a] && coordinate < lattice_.plane(axis, i)) --i;
+    if (i + 1 < last_[a] && coordinate >= lattice_.plane(axis, i + 1)) ++i;
+    return i;
+  }
+
+  bool interpolated_inside(Vec3 centre) const {
+    std::array<std::int32_t, 3> low;
+    std::array<double, 3> t;
+    bool beyond_samples = false;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<std::size_t>(axis);
+      if (centre[axis] < lattice_.plane(axis, first_[a]) || centre[axis] > lattice_.plane(axis, last_[a])) return false;
+      low[a] = plane_below(axis, centre[axis]);
+      const double lo = lattice_.plane(axis, low[a]), hi = lattice_.plane(axis, low[a] + 1);
+      t[a] = (centre[axis] - lo) / (hi - lo);
+      beyond_samples |= low[a] < 0 || low[a] + 1 >= volume_.grid.dims[a];
+    }
+    if (rule_.kind == ObjectRule::Kind::labels || beyond_samples) {
+      return trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return margin(s); }) >= 0;
+    }
+    return holds(
+        trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return value_at(volume_, s[0], s[1], s[2]); }));
+  }
+
+  template <typename Field>
+  static double trilinear(std::array<std::int32_t, 3> low, std::array<double, 3> t, Field field) {
+    double sum = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      double weight = 1;
+      auto s = low;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const bool high = (corner >> a) & 1;
+        weight *= high ? t[a] : 1 - t[a];
+        s[a] += high;
+      }
+      if (weight > 0) sum += weight * field(s);
+    }
+    return sum;
+  }
+
+  bool holds(double value) const {
+    const bool within =
+        rule_.kind == ObjectRule::Kind::threshold ? value >= rule_.lo : value >= rule_.lo && value <= rule_.hi;
+    return value == value && within == (rule_.side == Side::above);
+  }
+
+  // How far a sample is inside (> 0) or outside. A sample beyond a closed border mirrors the one at the border, as
+  // outside: the interpolation then vanishes half a voxel beyond, where the boundary points are.
+  double margin(std::array<std::int32_t, 3> s) const {
+    auto in = s;
+    for (std::size_t a = 0; a < 3; ++a) in[a] = std::clamp(in[a], 0, volume_.grid.dims[a] - 1);
+    double m;
+    if (rule_.kind == ObjectRule::Kind::labels) {
+      m = inside_.test(in[0], in[1], in[2]) ? 1 : -1;
+    } else {
+      const double value = value_at(volume_, in[0], in[1], in[2]);
+      m = value - rule_.lo;
+      if (rule_.kind == ObjectRule::Kind::range) m = std::min(m, rule_.hi - value);
+      if (rule_.side == Side::below) m = -m;
+    }
+    return in == s ? m : -std::abs(m);
+  }
+
+  const Volume& volume_;
+  const ObjectRule& rule_;
+  const SampleBits& inside_;
+  const Lattice& lattice_;
+  std::array<std::int32_t, 3> first_, last_;
+  std::array<double, 3> steps_per_unit_;
+};
+
+// Moves the flagged cells to the front; both parts keep their order. One transient copy of the outside part.
+std::size_t inside_first(Tetrahedralization& cells, const std::vector<std::uint8_t>& inside) {
+  Tetrahedralization outside;
+  outside.reserve(cells.size() -
+                  static_cast<std::size_t>(std::accumulate(inside.begin(), inside.end(), std::size_t{0})));
+  std::size_t kept = 0;
+  for (std::size_t c = 0; c < cells.size(); ++c) {
+    if (inside[c]) {
+      cells[kept++] = cells[c];
+    } else {
+      outside.push_back(cells[c]);
+    }
+  }
+  std::ranges::copy(outside, cells.begin() + static_cast<std::ptrdiff_t>(kept));
+  return kept;
+}
+
+}  // namespace
+
+SphereModel classify_spheres(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
+                             BoundaryPoints boundary, Tetrahedralization cells, const Context& context) {
+  const auto& points = boundary.points;
+  std::vector<std::uint8_t> inside(cells.size());
+  const SampledObject object(volume, rule, samples.inside, boundary.lattice);
+  parallel_for(context, "spheres", cells.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const auto& [p, q, r, s] = cells[c];
+      inside[c] = object.cell_is_inside(points[p], points[q], points[r], points[s]);
+    }
+  });
+  const std::size_t inside_count = inside_first(cells, inside);
+  SphereModel model;
+  model.spheres = circumspheres(boundary.lattice, points, cells, inside_count, context);
+  model.solid = Solid{.boundary = std::move(boundary), .cells = std::move(cells), .inside_count = inside_count};
+  return model;
+}
+
+std::vector<Sphere> circumspheres(const Lattice& lattice, std::span<const LatticePoint> points,
+                                  std::span<const Tetrahedron> cells, std::size_t count, const Context& context) {
+  SPHERULE_CHECK(count <= cells.size());
+  std::vector<Sphere> spheres(count);
+  parallel_for(context, {}, count, kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const auto& [p, q, r, s] = cells[c];
+      const LatticePoint a = points[p];
+      const Circumsphere ball = circumsphere(a, points[q], points[r], points[s]);
+      const Vec3 centre =
+          Vec3{static_cast<double>(a.x), static_cast<double>(a.y), static_cast<double>(a.z)} + ball.offset;
+      spheres[c] = {lattice.to_patient(centre), lattice.unit_mm * ball.radius};
+    }
+  });
+  return spheres;
+}
+
+double boundary_point_density(const Solid& solid, const Context& context) {
+  using exact::operator-;
+  const auto& points = solid.boundary.points;
+  constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
+  std::vector<std::int64_t> nearest(points.size(), kNone);
+  for (const Tetrahedron& t : solid.cells) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      for (std::size_t j = i + 1; j < 4; ++j) {
+        const std::int64_t d = exact::squared_length(points[t[i]] - points[t[j]]);
+        nearest[t[i]] = std::min(nearest[t[i]], d);
+        nearest[t[j]] = std::min(nearest[t[j]], d);
+      }
+    }
+  }
+  context.throw_if_cancelled();
+  std::int64_t largest = 0;
+  for (const std::int64_t d : nearest) largest = std::max(largest, d == kNone ? 0 : d);
+  return solid.boundary.lattice.unit_mm * std::sqrt(static_cast<double>(largest));
+}
+
+Box bounds(const SphereModel& model) {
+  Box box;
+  if (model.solid) {
+    for (const LatticePoint p : model.solid->boundary.points) box.include(model.solid->boundary.lattice.to_patient(p));
+  } else {
+    for (const Sphere& s : model.spheres) box.include(s);
+  }
+  return box;
+}
+
+}  // namespace spherule
