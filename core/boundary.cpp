@@ -14,7 +14,6 @@ namespace spherule {
 namespace {
 
 constexpr std::size_t kRowsPerPiece = 64;
-constexpr LatticePoint kMovedToSample{-1, -1, -1};
 
 // The crossed grid edges, 64 at a time. Row (j, k) owns the edges that start in it: along x inside the row, along y to
 // row (j + 1, k), along z to row (j, k + 1). With a closed border the rows start at -1 and everything beyond the grid
@@ -90,15 +89,12 @@ class CrossedEdges {
   std::vector<std::uint64_t> outside_;
 };
 
-// Where the line from value a at coordinate pa to value b at pb takes the value `iso`, which lies in [a, b] or [b, a].
-// Only the ends themselves fall on a sample: a crossing that would round onto one stays a unit away from it.
+// Where the line from value a at coordinate pa to value b at pb takes the value `iso`, which lies in [a, b] or [b, a];
+// at least one unit from either end.
 std::int32_t crossing_coordinate(double a, double b, double iso, std::int32_t pa, std::int32_t pb) {
-  if (iso == a) return pa;
-  if (iso == b) return pb;
   double t = (iso - a) / (b - a);
   if (!std::isfinite(b - a)) t = (iso / 2 - a / 2) / (b / 2 - a / 2);
-  const auto rounded = static_cast<std::int32_t>(std::lround(t * (pb - pa)));
-  return std::clamp(pa + rounded, pa + 1, pb - 1);
+  return std::clamp(pa + static_cast<std::int32_t>(std::lround(t * (pb - pa))), pa + 1, pb - 1);
 }
 
 class CrossingPlacer {
@@ -127,11 +123,6 @@ class CrossingPlacer {
     std::int32_t q = crossing_coordinate(a, b, a < b ? rule_.hi : rule_.lo, pa, pb);
     if (p == q) (q + 1 < pb ? q : p) += q + 1 < pb ? 1 : -1;
     return {place(axis, from, p), place(axis, from, q)};
-  }
-
-  bool on_sample(int axis, std::array<std::int32_t, 3> from, LatticePoint p) const {
-    const auto [pa, pb] = ends(axis, from);
-    return p[axis] == pa || p[axis] == pb;
   }
 
  private:
@@ -197,16 +188,15 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
     start[begin / kRowsPerPiece + 1] = n;
   });
   std::partial_sum(start.begin(), start.end(), start.begin());
-  boundary.crossings = start.back();
-  if (boundary.crossings > max_points) {
-    throw Error(ErrorCode::too_large, "The object's surface has " + std::to_string(boundary.crossings) +
+  const std::size_t crossings = start.back();
+  if (crossings > max_points) {
+    throw Error(ErrorCode::too_large, "The object's surface has " + std::to_string(crossings) +
                                           " boundary points, more than the limit of " + std::to_string(max_points) +
                                           "; choose another threshold or a coarser volume.");
   }
 
-  boundary.points.resize(boundary.crossings);
+  boundary.points.resize(crossings);
   const CrossingPlacer placer(volume, rule, boundary.lattice);
-  std::vector<std::vector<LatticePoint>> on_samples(pieces);
   parallel_for(context, "boundary", rows, kRowsPerPiece, [&](std::size_t begin, std::size_t end) {
     const std::size_t piece = begin / kRowsPerPiece;
     auto out = boundary.points.begin() + static_cast<std::ptrdiff_t>(start[piece]);
@@ -216,17 +206,10 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
             for (std::uint64_t rest = once | twice; rest != 0; rest &= rest - 1) {
               const int bit = std::countr_zero(rest);
               const std::array<std::int32_t, 3> from{i + bit, j, k};
-              const auto keep = [&](LatticePoint p) {
-                if (placer.on_sample(axis, from, p)) {
-                  on_samples[piece].push_back(p);
-                  p = kMovedToSample;
-                }
-                *out++ = p;
-              };
               if ((twice >> bit) & 1) {
-                for (const LatticePoint p : placer.twice(axis, from)) keep(p);
+                out = std::ranges::copy(placer.twice(axis, from), out).out;
               } else {
-                keep(placer.once(axis, from));
+                *out++ = placer.once(axis, from);
               }
             }
           });
@@ -234,14 +217,6 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
     SPHERULE_DCHECK(out == boundary.points.begin() + static_cast<std::ptrdiff_t>(start[piece + 1]));
   });
 
-  std::vector<LatticePoint> shared;
-  for (const auto& part : on_samples) shared.insert(shared.end(), part.begin(), part.end());
-  if (!shared.empty()) {
-    std::erase(boundary.points, kMovedToSample);
-    std::ranges::sort(shared);
-    const auto repeated = std::ranges::unique(shared);
-    boundary.points.insert(boundary.points.end(), shared.begin(), repeated.begin());
-  }
   return boundary;
 }
 

@@ -16,6 +16,11 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
 
+Vec3 to_vec3(exact::Difference d) {
+  return {static_cast<double>(d.x), static_cast<double>(d.y), static_cast<double>(d.z)};
+}
+Vec3 to_vec3(LatticePoint p) { return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)}; }
+
 // Circumcentre minus the first corner, in lattice units. Numerators and denominator are exact integers, each rounded
 // once and divided: every component has a relative error below 3 · 2^-53, whatever the shape of the cell.
 //   centre - a = (|b|² c×d + |c|² d×b + |d|² b×c) / (2 det(b, c, d)),   b, c, d taken from a
@@ -27,24 +32,6 @@ Vec3 centre_offset(exact::Difference b, exact::Difference c, exact::Difference d
   const auto z = bb * (c.x * d.y - c.y * d.x) + cc * (d.x * b.y - d.y * b.x) + dd * (b.x * c.y - b.y * c.x);
   const double twice = 2 * static_cast<double>(exact::determinant(b, c, d));
   return {static_cast<double>(x) / twice, static_cast<double>(y) / twice, static_cast<double>(z) / twice};
-}
-
-// A cell's circumsphere relative to its first corner, in lattice units.
-struct Circumsphere {
-  Vec3 offset;
-  double radius;  // the least distance from the centre to a corner: the ball then holds none of them
-};
-
-Circumsphere circumsphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
-  using exact::operator-;
-  const std::array<exact::Difference, 3> corners{b - a, c - a, d - a};
-  const Vec3 offset = centre_offset(corners[0], corners[1], corners[2]);
-  double least = squared_norm(offset);
-  for (const auto& p : corners) {
-    least = std::min(least, squared_norm(offset - Vec3{static_cast<double>(p.x), static_cast<double>(p.y),
-                                                       static_cast<double>(p.z)}));
-  }
-  return {offset, std::sqrt(least)};
 }
 
 // The volume as the classification sees it: sample bits at lattice planes, and values in between.
@@ -64,7 +51,7 @@ class SampledObject {
   bool cell_is_inside(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) const {
     using exact::operator-;
     const Vec3 offset = centre_offset(b - a, c - a, d - a);
-    const Vec3 centre = Vec3{static_cast<double>(a.x), static_cast<double>(a.y), static_cast<double>(a.z)} + offset;
+    const Vec3 centre = to_vec3(a) + offset;
 
     // The centre's error is below 2^-24 of a unit wherever it is within reach of the grid, so the sample nearest to the
     // true centre is among those whose planes are nearest to the computed one, with both planes tried where it lies
@@ -213,6 +200,16 @@ SphereModel classify_spheres(const Volume& volume, const ObjectRule& rule, const
   return model;
 }
 
+Sphere circumsphere(const std::array<LatticePoint, 4>& corners) {
+  using exact::operator-;
+  const auto& [a, b, c, d] = corners;
+  const std::array<exact::Difference, 3> edges{b - a, c - a, d - a};
+  const Vec3 offset = centre_offset(edges[0], edges[1], edges[2]);
+  double least = squared_norm(offset);
+  for (const auto& e : edges) least = std::min(least, squared_norm(offset - to_vec3(e)));
+  return {to_vec3(a) + offset, std::sqrt(least)};
+}
+
 std::vector<Sphere> circumspheres(const Lattice& lattice, std::span<const LatticePoint> points,
                                   std::span<const Tetrahedron> cells, std::size_t count, const Context& context) {
   SPHERULE_CHECK(count <= cells.size());
@@ -220,11 +217,8 @@ std::vector<Sphere> circumspheres(const Lattice& lattice, std::span<const Lattic
   parallel_for(context, {}, count, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
       const auto& [p, q, r, s] = cells[c];
-      const LatticePoint a = points[p];
-      const Circumsphere ball = circumsphere(a, points[q], points[r], points[s]);
-      const Vec3 centre =
-          Vec3{static_cast<double>(a.x), static_cast<double>(a.y), static_cast<double>(a.z)} + ball.offset;
-      spheres[c] = {lattice.to_patient(centre), lattice.unit_mm * ball.radius};
+      const Sphere ball = circumsphere({points[p], points[q], points[r], points[s]});
+      spheres[c] = {lattice.to_patient(ball.centre), lattice.unit_mm * ball.radius};
     }
   });
   return spheres;

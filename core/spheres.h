@@ -40,6 +40,11 @@ struct SphereModel {
 SphereModel classify_spheres(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
                              BoundaryPoints boundary, Tetrahedralization cells, const Context& context = {});
 
+/// The circumsphere of four points that are not in one plane, in lattice units; the radius is the least distance from
+/// the computed centre to a corner. The relative error of each component of the centre's offset from the first corner
+/// is below 2^-50.
+Sphere circumsphere(const std::array<LatticePoint, 4>& corners);
+
 /// Circumspheres in LPS mm of cells [0, count), from exact integer determinants: relative error of the centre's offset
 /// from the first corner below 2^-50 for any sliver. O(count).
 std::vector<Sphere> circumspheres(const Lattice& lattice, std::span<const LatticePoint> points,
