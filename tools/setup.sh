@@ -42,5 +42,5 @@ build() {
   shift
   say "Building ($preset)"
   cmake --preset "$preset" --log-level=WARNING
-  NINJA_STATUS='[%f/%t, %e s] ' cmake --build --preset "$preset" -j "$(parallel_jobs)" ${1:+--target "$@"}
+  NINJA_STATUS='[%f/%t, %e s] ' cmake --build --preset "$preset" -j "$(parallel_jobs)" ${1:+--target "$@"} -- -k 0
 }
