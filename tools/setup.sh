@@ -41,6 +41,6 @@ build() {
   local preset=$1
   shift
   say "Building ($preset)"
-  cmake --preset "$preset" --log-level=WARNING
+  cmake --preset "$preset" --log-level=WARNING || return
   NINJA_STATUS='[%f/%t, %e s] ' cmake --build --preset "$preset" -j "$(parallel_jobs)" ${1:+--target "$@"} -- -k 0
 }
