@@ -29,10 +29,6 @@ struct IndexedPoint {
   double x() const { return at.x; }
   double y() const { return at.y; }
   double z() const { return at.z; }
-  friend bool operator==(const IndexedPoint& a, const IndexedPoint& b) { return a.at == b.at; }
-  friend bool operator!=(const IndexedPoint& a, const IndexedPoint& b) { return a.at != b.at; }
-  friend std::ostream& operator<<(std::ostream& out, const IndexedPoint&) { return out; }
-  friend std::istream& operator>>(std::istream& in, IndexedPoint&) { return in; }
 };
 
 // Twice the signed area of three points, projected along the axis other than u and v.
