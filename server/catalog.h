@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/base/error.h"
@@ -57,9 +58,11 @@ struct JobRecord {
   std::string result_id;  ///< id of the resource that it makes, known beforehand because ids are content addresses
   std::string request;    ///< all that is needed to run it again
   JobState state = JobState::queued;
-  unsigned requesters = 1;
-  unsigned runs = 0;     ///< how often it was started
-  unsigned crashes = 0;  ///< how often the process died while it ran
+  std::string stage;        ///< what it is doing, in the runner's words; kept when it ends
+  double progress = 0;      ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
+  unsigned requesters = 1;  ///< who still want it
+  unsigned attempts = 1;    ///< how many servers took it up: 1 + restarts while it was not over
+  unsigned crashes = 0;     ///< how often the process died while it ran
   Time created{};
   std::optional<Time> started;   ///< of the last run
   std::optional<Time> finished;  ///< set when over
@@ -124,7 +127,7 @@ class Catalog {
 };
 
 /// Adds a resource whose blobs are committed. When the id is there already (returns false) or adding fails (throws),
-/// the given blobs are removed again, so the caller owns nothing afterwards either way.
+/// the given blobs are removed again (at the latest by the next start), so the caller owns nothing afterwards.
 bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource);
 
 /// Deletes a resource, everything made from it, and their blobs; returns when the catalogue has forgotten them for

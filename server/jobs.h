@@ -30,8 +30,6 @@ struct JobPoolOptions {
 /// A job as it is now.
 struct JobStatus {
   JobRecord record;
-  std::string stage;                          ///< what it is doing, in the runner's words; kept when it ends
-  double progress = 0;                        ///< 0 to 1, never goes back within a run; 1 exactly when succeeded
   std::optional<std::size_t> queue_position;  ///< while queued: 0 is the next to start
   double elapsed_s = 0;                       ///< of the last run, until now or its end
   std::optional<double> remaining_s;          ///< while running, once there is enough progress to judge by
