@@ -35,7 +35,9 @@ constexpr std::size_t digest_digits = 64;
   if (error == ENOSPC || error == EDQUOT || error == EFBIG) throw_no_space();
   if (error == EMFILE || error == ENFILE)
     throw Error(ErrorCode::busy, "The server has too many files open; try again in a moment.");
-  throw Error(ErrorCode::corrupt, "The server cannot use its storage; its operator must look into it.");
+  throw Error(
+      ErrorCode::corrupt,
+      "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
 }
 
 void sync_folder(const fs::path& folder) {

@@ -101,7 +101,9 @@ auto value_of(const Names& names, std::string_view text) {
     case SQLITE_CANTOPEN:
     case SQLITE_READONLY:
     case SQLITE_PERM:
-      throw Error(ErrorCode::corrupt, "The server cannot use its storage; its operator must look into it.");
+      throw Error(
+          ErrorCode::corrupt,
+          "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
     case SQLITE_NOMEM: throw std::bad_alloc();
     default: throw std::logic_error(std::string("catalogue: ") + sqlite3_errmsg(database));
   }
