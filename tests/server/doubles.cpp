@@ -2,13 +2,23 @@
 #include "tests/server/doubles.h"
 
 #include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sched.h>
 #include <sys/mman.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <cstdlib>
+#include <iostream>
 #include <limits>
 #include <map>
 #include <mutex>
 #include <stdexcept>
+
+// ThreadSanitizer keeps a thread of its own, and by default refuses threads in the children of such a process.
+extern "C" const char* __tsan_default_options();
+extern "C" const char* __tsan_default_options() { return "die_after_fork=0"; }
 
 namespace spherule::server::test {
 
@@ -122,6 +132,32 @@ std::optional<ErrorCode> error_of(const std::function<void()>& act) {
   } catch (const Error& error) {
     return error.code();
   }
+}
+
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act) {
+  const TemporaryFolder folder;
+  constexpr int not_possible_here = 77;
+  const pid_t pid = fork();
+  ASSERT_GE(pid, 0);
+  if (pid == 0) {
+    if (unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) std::_Exit(not_possible_here);
+    if (mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
+      std::_Exit(not_possible_here);
+    std::string wrong;
+    try {
+      wrong = act(folder.path());
+    } catch (const std::exception& error) {
+      wrong = error.what();
+    }
+    std::cerr << wrong << std::flush;
+    std::_Exit(wrong.empty() ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(pid, &status, 0), pid);
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) == not_possible_here) GTEST_SKIP() << "this process may not mount a small file system";
+  EXPECT_EQ(WEXITSTATUS(status), 0);
 }
 
 }  // namespace spherule::server::test
