@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tests/server/doubles.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <iostream>
+#include <limits>
+#include <map>
+#include <mutex>
+#include <stdexcept>
+
+// ThreadSanitizer keeps a thread of its own, and by default refuses threads in the children of such a process.
+extern "C" const char* __tsan_default_options();
+extern "C" const char* __tsan_default_options() { return "die_after_fork=0"; }
+
+namespace spherule::server::test {
+
+TemporaryFolder::TemporaryFolder(const std::filesystem::path& parent) : path_(parent / random_id("spherule-test")) {
+  std::filesystem::create_directories(path_);
+}
+
+TemporaryFolder::~TemporaryFolder() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
+}
+
+struct MemoryBlobStore::Blobs {
+  std::mutex mutex;
+  std::map<std::string, std::string> by_key;
+};
+
+namespace {
+
+Blob blob_of(const std::string& bytes) {
+  const int descriptor = memfd_create("blob", MFD_CLOEXEC);
+  if (descriptor < 0 || ::write(descriptor, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size()))
+    throw std::runtime_error("no memory file");
+  return {descriptor, "/proc/self/fd/" + std::to_string(descriptor), sha256_hex(bytes)};
+}
+
+}  // namespace
+
+MemoryBlobStore::MemoryBlobStore() : blobs_(std::make_shared<Blobs>()) {}
+MemoryBlobStore::~MemoryBlobStore() = default;
+
+std::unique_ptr<Staging> MemoryBlobStore::stage(std::uint64_t limit, std::optional<std::uint64_t> declared) {
+  class MemoryStaging final : public Staging {
+   public:
+    MemoryStaging(std::uint64_t most, std::shared_ptr<Blobs> blobs) : Staging(most), blobs_(std::move(blobs)) {}
+    Blob open() const override { return blob_of(bytes_); }
+    std::string commit(std::string_view name) override {
+      const std::lock_guard lock(blobs_->mutex);
+      std::string key = std::string(name) + "." + sha256() + "." + random_id("b");
+      blobs_->by_key[key] = bytes_;
+      return key;
+    }
+
+   protected:
+    void write(std::string_view bytes) override { bytes_ += bytes; }
+
+   private:
+    std::shared_ptr<Blobs> blobs_;
+    std::string bytes_;
+  };
+  if (declared && *declared > limit) throw Error(ErrorCode::too_large, "Too large.");
+  return std::make_unique<MemoryStaging>(limit, blobs_);
+}
+
+Blob MemoryBlobStore::open(const std::string& key) const {
+  const std::lock_guard lock(blobs_->mutex);
+  const auto found = blobs_->by_key.find(key);
+  if (found == blobs_->by_key.end()) throw Error(ErrorCode::not_found, "No such blob.");
+  return blob_of(found->second);
+}
+
+void MemoryBlobStore::remove(const std::string& key) {
+  const std::lock_guard lock(blobs_->mutex);
+  blobs_->by_key.erase(key);
+}
+
+std::vector<std::string> MemoryBlobStore::keys() const {
+  const std::lock_guard lock(blobs_->mutex);
+  std::vector<std::string> keys;
+  for (const auto& [key, bytes] : blobs_->by_key) keys.push_back(key);
+  return keys;
+}
+
+std::uint64_t MemoryBlobStore::free_bytes() const { return std::numeric_limits<std::uint64_t>::max(); }
+
+class FaultyBlobStore::FaultyStaging final : public Staging {
+ public:
+  FaultyStaging(std::unique_ptr<Staging> inner, FaultyBlobStore& store)
+      : Staging(std::numeric_limits<std::uint64_t>::max()), inner_(std::move(inner)), store_(store) {}
+  Blob open() const override { return inner_->open(); }
+  std::string commit(std::string_view name) override {
+    if (store_.fail_commit_) throw Error(ErrorCode::no_space, "Full.");
+    return inner_->commit(name);
+  }
+
+ protected:
+  void write(std::string_view bytes) override {
+    if (store_.appends_left_ == 1) throw Error(ErrorCode::no_space, "Full.");
+    if (store_.appends_left_ > 1) --store_.appends_left_;
+    inner_->append(bytes);
+  }
+
+ private:
+  std::unique_ptr<Staging> inner_;
+  FaultyBlobStore& store_;
+};
+
+std::unique_ptr<Staging> FaultyBlobStore::stage(std::uint64_t limit, std::optional<std::uint64_t> declared) {
+  return std::make_unique<FaultyStaging>(inner_.stage(limit, declared), *this);
+}
+
+void FaultyBlobStore::remove(const std::string& key) {
+  if (fail_remove_) throw Error(ErrorCode::corrupt, "Broken.");
+  inner_.remove(key);
+}
+
+std::optional<ErrorCode> error_of(const std::function<void()>& act) {
+  try {
+    act();
+    return {};
+  } catch (const Error& error) {
+    return error.code();
+  }
+}
+
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act) {
+  const TemporaryFolder folder;
+  constexpr int not_possible_here = 77;
+  const pid_t pid = fork();
+  ASSERT_GE(pid, 0);
+  if (pid == 0) {
+    if (unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) std::_Exit(not_possible_here);
+    if (mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
+      std::_Exit(not_possible_here);
+    std::string wrong;
+    try {
+      wrong = act(folder.path());
+    } catch (const std::exception& error) {
+      wrong = error.what();
+    }
+    std::cerr << wrong << std::flush;
+    std::_Exit(wrong.empty() ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(pid, &status, 0), pid);
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) == not_possible_here) GTEST_SKIP() << "this process may not mount a small file system";
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+}
+
+}  // namespace spherule::server::test
