@@ -116,10 +116,9 @@ class SampledObject {
   // The last plane i with plane(i) <= coordinate, kept within [first, last - 1].
   std::int32_t plane_below(int axis, double coordinate) const {
     const auto a = static_cast<std::size_t>(axis);
-    const double steps = (coordinate - lattice_.plane(axis, -1)) * steps_per_unit_[a] - 1;
     // Planes are rounded by half a unit of at least 64 a step: the estimate is at most one plane off.
-    auto i = static_cast<std::int32_t>(
-        std::clamp(std::floor(steps), static_cast<double>(first_[a]), static_cast<double>(last_[a] - 1)));
+    const double steps = (coordinate - lattice_.plane(axis, -1)) * steps_per_unit_[a];
+    auto i = static_cast<std::int32_t>(std::clamp(steps, first_[a] + 1.0, static_cast<double>(last_[a]))) - 1;
     if (i > first_[a] && coordinate < lattice_.plane(axis, i)) --i;
     if (i + 1 < last_[a] && coordinate >= lattice_.plane(axis, i + 1)) ++i;
     return i;
@@ -137,25 +136,23 @@ class SampledObject {
       t[a] = (centre[axis] - lo) / (hi - lo);
       beyond_samples |= low[a] < 0 || low[a] + 1 >= volume_.grid.dims[a];
     }
-    if (rule_.kind == ObjectRule::Kind::labels || beyond_samples) {
-      return trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return margin(s); }) >= 0;
+    if (rule_.kind != ObjectRule::Kind::labels && !beyond_samples) {
+      return holds(trilinear(t, corner_values(volume_, low[0], low[1], low[2])));
     }
-    return holds(
-        trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return value_at(volume_, s[0], s[1], s[2]); }));
+    std::array<double, 8> margins;
+    for (std::int32_t c = 0; c < 8; ++c) {
+      margins[static_cast<std::size_t>(c)] = margin({low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)});
+    }
+    return trilinear(t, margins) >= 0;
   }
 
-  template <typename Field>
-  static double trilinear(std::array<std::int32_t, 3> low, std::array<double, 3> t, Field field) {
+  // `corners` as corner_values orders them. A corner of no weight does not count, even if it is NaN.
+  static double trilinear(const std::array<double, 3>& t, const std::array<double, 8>& corners) {
     double sum = 0;
-    for (int corner = 0; corner < 8; ++corner) {
+    for (std::size_t c = 0; c < 8; ++c) {
       double weight = 1;
-      auto s = low;
-      for (std::size_t a = 0; a < 3; ++a) {
-        const bool high = (corner >> a) & 1;
-        weight *= high ? t[a] : 1 - t[a];
-        s[a] += high;
-      }
-      if (weight > 0) sum += weight * field(s);
+      for (std::size_t a = 0; a < 3; ++a) weight *= (c >> a) & 1 ? t[a] : 1 - t[a];
+      if (weight > 0) sum += weight * corners[c];
     }
     return sum;
   }
