@@ -93,7 +93,7 @@ class BallRasteriser {
   }
   bool holds(const std::array<LatticePoint, 4>& c, std::int32_t i, std::int32_t j, std::int32_t k) const {
     return exact::in_sphere(c[0], c[1], c[2], c[3], {lattice_.plane(0, i), lattice_.plane(1, j), lattice_.plane(2, k)})
-               .value > 0;
+                > 0;
   }
 
   const Lattice& lattice_;

@@ -34,6 +34,29 @@ Vec3 centre_offset(exact::Difference b, exact::Difference c, exact::Difference d
   return {static_cast<double>(x) / twice, static_cast<double>(y) / twice, static_cast<double>(z) / twice};
 }
 
+// How far off, in lattice units, a centre may be that only chooses which exact question to ask.
+constexpr double kCentreError = 0x1p-10;
+
+// centre_offset in double wherever that is good to `error` units, which is nearly everywhere; exact for the rest, the
+// slivers. Differences, cross products (< 2^49) and squared lengths (< 2^50) are exact in double; each sum of three
+// products is off by less than 2^-51 of the sum of their magnitudes, the division by less than 2^-53 of the result.
+Vec3 centre_offset_within(double error, exact::Difference bi, exact::Difference ci, exact::Difference di) {
+  const Vec3 b = to_vec3(bi), c = to_vec3(ci), d = to_vec3(di);
+  const Vec3 cd = cross(c, d), db = cross(d, b), bc = cross(b, c);
+  const double bb = squared_norm(b), cc = squared_norm(c), dd = squared_norm(d);
+  const double twice = 2 * dot(b, cd);
+  const double twice_error = 0x1p-50 * (std::abs(b.x * cd.x) + std::abs(b.y * cd.y) + std::abs(b.z * cd.z));
+  Vec3 offset;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double p = bb * cd[axis], q = cc * db[axis], r = dd * bc[axis];
+    offset[axis] = (p + q + r) / twice;
+    const double numerator_error = 0x1p-51 * (std::abs(p) + std::abs(q) + std::abs(r));
+    if (!(numerator_error + std::abs(offset[axis]) * twice_error < 0.5 * error * twice))
+      return centre_offset(bi, ci, di);
+  }
+  return offset;
+}
+
 // The volume as the classification sees it: sample bits at lattice planes, and values in between.
 class SampledObject {
  public:
@@ -50,16 +73,14 @@ class SampledObject {
 
   bool cell_is_inside(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) const {
     using exact::operator-;
-    const Vec3 offset = centre_offset(b - a, c - a, d - a);
+    const Vec3 offset = centre_offset_within(kCentreError, b - a, c - a, d - a);
     const Vec3 centre = to_vec3(a) + offset;
 
-    // The centre's error is below 2^-24 of a unit wherever it is within reach of the grid, so the sample nearest to the
-    // true centre is among those whose planes are nearest to the computed one, with both planes tried where it lies
-    // this close to the middle.
-    constexpr double kAmbiguous = 1.0 / 1024;
+    // The sample nearest to the true centre is among those whose planes are nearest to the computed one, with both
+    // planes tried where that lies in the middle but for its error.
     std::array<std::array<std::int32_t, 2>, 3> near;
     for (int axis = 0; axis < 3; ++axis)
-      near[static_cast<std::size_t>(axis)] = nearest_planes(axis, centre[axis], kAmbiguous);
+      near[static_cast<std::size_t>(axis)] = nearest_planes(axis, centre[axis], 2 * kCentreError);
     for (std::size_t choice = 0; choice < 8; ++choice) {
       const std::array<std::size_t, 3> side{choice & 1, (choice >> 1) & 1, choice >> 2};
       std::array<std::int32_t, 3> s;
@@ -70,7 +91,14 @@ class SampledObject {
       }
       if (repeated) continue;
       const LatticePoint sample{lattice_.plane(0, s[0]), lattice_.plane(1, s[1]), lattice_.plane(2, s[2])};
-      if (exact::in_sphere(a, b, c, d, sample).value > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
+      const Vec3 to_sample = to_vec3(sample - a);
+      // Inside the ball: |s - a|² < 2 (s - a)·offset. The left side is exact.
+      const double depth = 2 * dot(to_sample, offset) - squared_norm(to_sample);
+      const double reach = std::abs(to_sample.x) + std::abs(to_sample.y) + std::abs(to_sample.z);
+      const double error =
+          reach * (2 * kCentreError + 0x1p-50 * (reach + std::abs(offset.x) + std::abs(offset.y) + std::abs(offset.z)));
+      if (depth < -error) continue;
+      if (depth > error || exact::in_sphere(a, b, c, d, sample) > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
     }
     return interpolated_inside(centre);
   }
