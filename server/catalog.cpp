@@ -76,7 +76,7 @@ template <typename Names, typename Value>
 std::string_view name_of(const Names& names, Value value) {
   for (const auto& [known, name] : names)
     if (known == value) return name;
-  SPHERULE_CHECK(!"every value has a name");
+  SPHERULE_CHECK(false && "every value has a name");
   return {};
 }
 
