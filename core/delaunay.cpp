@@ -399,8 +399,7 @@ std::size_t count_not_delaunay(std::span<const LatticePoint> points, std::span<c
         const auto apex = std::ranges::find_if(
             cells[other], [&](std::uint32_t v) { return std::ranges::find(cells[c], v) == cells[c].end(); });
         SPHERULE_CHECK(apex != cells[other].end());
-        violations[begin / kGrain] +=
-            exact::in_sphere(points[a], points[b], points[d], points[e], points[*apex]) > 0;
+        violations[begin / kGrain] += exact::in_sphere(points[a], points[b], points[d], points[e], points[*apex]) > 0;
       }
     }
   });

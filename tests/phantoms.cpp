@@ -121,7 +121,8 @@ Volume noise(const Grid& grid, std::uint32_t levels, std::uint64_t seed, VoxelTy
 
 Grid cubic_grid(std::int32_t n, double edge) {
   const double step = edge / (n - 1);
-  return {.dims = {n, n, n}, .spacing = {step, step, step}, .origin = {-edge / 2, -edge / 2, -edge / 2}, .direction = {}};
+  return {
+      .dims = {n, n, n}, .spacing = {step, step, step}, .origin = {-edge / 2, -edge / 2, -edge / 2}, .direction = {}};
 }
 
 void set_stored(Volume& volume, std::array<std::int32_t, 3> at, double stored) {
@@ -142,7 +143,8 @@ ObjectRule range(double lo, double hi, Border border, Side side) {
 }
 
 ObjectRule labels(std::vector<std::int64_t> values, Border border, Side side) {
-  return {.kind = ObjectRule::Kind::labels, .lo = 0, .hi = 0, .labels = std::move(values), .side = side, .border = border};
+  return {
+      .kind = ObjectRule::Kind::labels, .lo = 0, .hi = 0, .labels = std::move(values), .side = side, .border = border};
 }
 
 }  // namespace spherule::phantoms

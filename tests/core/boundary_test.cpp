@@ -118,8 +118,9 @@ TEST(Boundary, OneSampleHasSixPointsHalfWay) {
   const BoundaryPoints boundary = boundary_of(volume, phantoms::threshold(1));
   const std::int32_t step = boundary.lattice.plane(0, 1) - boundary.lattice.plane(0, 0);
   const std::int32_t c = 2 * step, h = step / 2;
-  EXPECT_EQ(boundary.points, (std::vector<LatticePoint>{{c, c, c - h}, {c, c - h, c}, {c - h, c, c}, {c + h, c, c},
-                                                        {c, c + h, c}, {c, c, c + h}}));
+  EXPECT_EQ(boundary.points,
+            (std::vector<LatticePoint>{
+                {c, c, c - h}, {c, c - h, c}, {c - h, c, c}, {c + h, c, c}, {c, c + h, c}, {c, c, c + h}}));
   EXPECT_FALSE(boundary.touches_border);
 }
 
@@ -136,8 +137,9 @@ TEST(Boundary, ASampleAtTheIsoValueHasSixPointsOneUnitAway) {
   const Volume volume = zeros({3, 3, 3}, {{{1, 1, 1}, 1.0}});
   const BoundaryPoints boundary = boundary_of(volume, phantoms::threshold(1));
   const std::int32_t c = boundary.lattice.plane(0, 1);
-  EXPECT_EQ(boundary.points, (std::vector<LatticePoint>{{c, c, c - 1}, {c, c - 1, c}, {c - 1, c, c}, {c + 1, c, c},
-                                                        {c, c + 1, c}, {c, c, c + 1}}));
+  EXPECT_EQ(boundary.points,
+            (std::vector<LatticePoint>{
+                {c, c, c - 1}, {c, c - 1, c}, {c - 1, c, c}, {c + 1, c, c}, {c, c + 1, c}, {c, c, c + 1}}));
 }
 
 TEST(Boundary, ARangeThatIsJumpedOverHasTwoOrderedPoints) {
@@ -168,14 +170,15 @@ TEST(Boundary, AClosedBorderCutsHalfAVoxelBeyondTheLastSample) {
   const Volume volume = zeros({1, 1, 1}, {{{0, 0, 0}, 1.0}});
   const BoundaryPoints closed = boundary_of(volume, phantoms::threshold(0.001));
   const std::int32_t c = closed.lattice.plane(0, 0), h = (c - closed.lattice.plane(0, -1)) / 2;
-  EXPECT_EQ(closed.points, (std::vector<LatticePoint>{{c, c, c - h}, {c, c - h, c}, {c - h, c, c}, {c + h, c, c},
-                                                      {c, c + h, c}, {c, c, c + h}}));
+  EXPECT_EQ(closed.points,
+            (std::vector<LatticePoint>{
+                {c, c, c - h}, {c, c - h, c}, {c - h, c, c}, {c + h, c, c}, {c, c + h, c}, {c, c, c + h}}));
   EXPECT_TRUE(closed.touches_border);
   EXPECT_TRUE(boundary_of(volume, phantoms::threshold(0.001, Border::open)).points.empty());
 }
 
 TEST(Boundary, FindsWhatTheSlowModelFinds) {
-  const std::vector<std::array<std::int32_t, 3>> shapes{{1, 1, 1},  {1, 7, 1},  {2, 2, 2},  {63, 2, 3},
+  const std::vector<std::array<std::int32_t, 3>> shapes{{1, 1, 1},  {1, 7, 1},  {2, 2, 2},   {63, 2, 3},
                                                         {64, 3, 2}, {65, 2, 2}, {130, 3, 2}, {5, 6, 7}};
   std::uint64_t seed = 0;
   for (const auto& dims : shapes) {

@@ -15,8 +15,8 @@ namespace {
 
 constexpr double kInf = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr std::array kTypes = {VoxelType::uint8, VoxelType::int8,   VoxelType::uint16, VoxelType::int16,
-                               VoxelType::uint32, VoxelType::int32, VoxelType::uint64, VoxelType::int64,
+constexpr std::array kTypes = {VoxelType::uint8,   VoxelType::int8,   VoxelType::uint16, VoxelType::int16,
+                               VoxelType::uint32,  VoxelType::int32,  VoxelType::uint64, VoxelType::int64,
                                VoxelType::float32, VoxelType::float64};
 
 // The definition of the object, one sample at a time.
@@ -87,14 +87,14 @@ TEST(Inside, FollowsItsDefinitionForEveryTypeSlopeAndRule) {
   std::uint64_t seed = 1;
   for (const VoxelType type : kTypes) {
     for (const std::int32_t nx : {1, 63, 64, 65, 130}) {
-      for (const auto& [slope, intercept] :
-           {std::pair{1.0, 0.0}, std::pair{-1.0, 0.0}, std::pair{0.1, -1024.0}, std::pair{-1.0 / 255, 7.5},
-            std::pair{1e-30, 1.0}}) {
+      for (const auto& [slope, intercept] : {std::pair{1.0, 0.0}, std::pair{-1.0, 0.0}, std::pair{0.1, -1024.0},
+                                             std::pair{-1.0 / 255, 7.5}, std::pair{1e-30, 1.0}}) {
         const Volume volume = hostile(type, nx, slope, intercept, ++seed);
         phantoms::Random random(seed);
         const auto some_value = [&] {
-          const double v = value_at(volume, static_cast<std::int32_t>(random.below(static_cast<std::uint64_t>(nx))),
-                                    static_cast<std::int32_t>(random.below(3)), static_cast<std::int32_t>(random.below(2)));
+          const double v =
+              value_at(volume, static_cast<std::int32_t>(random.below(static_cast<std::uint64_t>(nx))),
+                       static_cast<std::int32_t>(random.below(3)), static_cast<std::int32_t>(random.below(2)));
           if (!std::isfinite(v)) return 3 * slope + intercept;
           return std::array{v, std::nextafter(v, kInf), std::nextafter(v, -kInf)}[random.below(3)];
         };
@@ -146,9 +146,8 @@ TEST(Inside, IsTheSameForEveryThreadCount) {
 TEST(Inside, RefusesRulesThatMakeNoSense) {
   const Grid grid{.dims = {2, 2, 2}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
   const Volume volume = phantoms::noise(grid, 5, 1);
-  for (const ObjectRule& rule :
-       {phantoms::threshold(kNaN), phantoms::threshold(kInf), phantoms::range(-kInf, 3), phantoms::range(3, kNaN),
-        phantoms::range(3, 2), phantoms::labels({})}) {
+  for (const ObjectRule& rule : {phantoms::threshold(kNaN), phantoms::threshold(kInf), phantoms::range(-kInf, 3),
+                                 phantoms::range(3, kNaN), phantoms::range(3, 2), phantoms::labels({})}) {
     try {
       classify_samples(volume, rule);
       FAIL() << "accepted";

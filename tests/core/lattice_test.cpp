@@ -63,7 +63,8 @@ TEST(Lattice, SamplesMapToTheirPlaceInThePatient) {
   const double c = std::cos(0.3), s = std::sin(0.3);
   grid.direction = {{Vec3{c, -s, 0}, Vec3{s, c, 0}, Vec3{0, 0, -1}}};
   const Lattice lattice = make_lattice(grid);
-  EXPECT_EQ(lattice.to_patient(LatticePoint{lattice.plane(0, 0), lattice.plane(1, 0), lattice.plane(2, 0)}), grid.origin);
+  EXPECT_EQ(lattice.to_patient(LatticePoint{lattice.plane(0, 0), lattice.plane(1, 0), lattice.plane(2, 0)}),
+            grid.origin);
   const LatticePoint p{lattice.plane(0, 9), lattice.plane(1, 19), lattice.plane(2, 29)};
   EXPECT_NEAR(norm(lattice.to_patient(p) - grid.to_patient({9 * 0.5, 19 * 1.25, 29 * 3.0})), 0, lattice.unit_mm);
 }

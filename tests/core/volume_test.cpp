@@ -11,8 +11,8 @@
 namespace spherule {
 namespace {
 
-constexpr std::array kTypes = {VoxelType::uint8, VoxelType::int8,   VoxelType::uint16, VoxelType::int16,
-                               VoxelType::uint32, VoxelType::int32, VoxelType::uint64, VoxelType::int64,
+constexpr std::array kTypes = {VoxelType::uint8,   VoxelType::int8,   VoxelType::uint16, VoxelType::int16,
+                               VoxelType::uint32,  VoxelType::int32,  VoxelType::uint64, VoxelType::int64,
                                VoxelType::float32, VoxelType::float64};
 
 ErrorCode code_of(auto&& action) {

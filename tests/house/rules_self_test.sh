@@ -4,15 +4,17 @@
 # rules_self_test.sh ROOT: shows that rules.sh can fail. A copy of the repository passes; each seeded breach is named.
 set -euo pipefail
 rules=$(dirname "$(realpath "${BASH_SOURCE[0]}")")/rules.sh
-copy=$(mktemp -d)
-trap 'rm -rf "$copy"' EXIT
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+copy=$scratch/copy kept=$scratch/kept
+mkdir "$copy"
 (cd "$1" && tar -c --exclude=./.git --exclude=./build --exclude=./spherule-data .) | tar -x -C "$copy"
 "$rules" "$copy" || { echo "The repository itself breaks the rules above." && exit 1; }
 
 seeds=0
 # seed FILE LINE RULE: with LINE at the end of FILE, rules.sh must fail and name RULE and FILE.
 seed() {
-  local file=$copy/$1 kept=$copy.kept output
+  local file=$copy/$1 output
   mkdir -p "$(dirname "$file")"
   if [ -e "$file" ]; then
     cp "$file" "$kept"

@@ -108,7 +108,7 @@ TEST_F(Jobs, FailsWithTheErrorsSentenceAndHidesFaults) {
         if (job.request == "error") throw Error(ErrorCode::unusable, "There is no object at this threshold.");
         if (job.request == "memory") throw std::bad_alloc();
         if (job.request == "odd") throw 7;
-        throw std::runtime_error("/home/secret: bug");
+        throw std::runtime_error("/etc/secret: bug");
       },
       [&](const std::string&, const std::string& what) { logged += what + "\n"; });
   const auto fate = [&](const char* request) {
@@ -124,7 +124,7 @@ TEST_F(Jobs, FailsWithTheErrorsSentenceAndHidesFaults) {
   EXPECT_FALSE(fate("bug").code);
   EXPECT_EQ(fate("bug").sentence.find("secret"), std::string::npos);
   EXPECT_FALSE(fate("odd").code);
-  EXPECT_EQ(logged, "/home/secret: bug\n/home/secret: bug\nan exception of unknown type\n");
+  EXPECT_EQ(logged, "/etc/secret: bug\n/etc/secret: bug\nan exception of unknown type\n");
 }
 
 TEST_F(Jobs, TheQueueIsBoundedAndInOrder) {
