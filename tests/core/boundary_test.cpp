@@ -129,7 +129,7 @@ TEST(Boundary, InterpolatesLinearly) {
   const BoundaryPoints boundary = boundary_of(volume, phantoms::threshold(2.5, Border::open));
   const std::int32_t step = boundary.lattice.plane(0, 1) - boundary.lattice.plane(0, 0);
   ASSERT_EQ(boundary.points.size(), 1U);
-  EXPECT_EQ(boundary.points[0].x, step + step / 4);
+  EXPECT_EQ(boundary.points[0].x, std::lround(1.25 * step));
   EXPECT_TRUE(boundary.touches_border);
 }
 
@@ -149,8 +149,8 @@ TEST(Boundary, ARangeThatIsJumpedOverHasTwoOrderedPoints) {
       const BoundaryPoints boundary = boundary_of(volume, phantoms::range(2, 4, Border::open, side));
       const std::int32_t a = boundary.lattice.plane(0, 0), step = boundary.lattice.plane(0, 1) - a;
       ASSERT_EQ(boundary.points.size(), 2U);
-      EXPECT_EQ(boundary.points[0].x, a + (down ? step / 2 : step / 4));
-      EXPECT_EQ(boundary.points[1].x, a + (down ? step - step / 4 : step / 2));
+      EXPECT_EQ(boundary.points[0].x, a + std::lround(down ? 0.5 * step : 0.25 * step));
+      EXPECT_EQ(boundary.points[1].x, a + std::lround(down ? 0.75 * step : 0.5 * step));
     }
   }
 }
