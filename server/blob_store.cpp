@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/blob_store.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <limits>
+#include <system_error>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/base/error.h"
+
+namespace spherule::server {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// Left free for the catalogue, which must still be able to say that the disk is full.
+constexpr std::uint64_t reserve_bytes = std::uint64_t{64} << 20;
+
+constexpr std::size_t digest_digits = 64;
+
+[[noreturn]] void throw_no_space() {
+  throw Error(ErrorCode::no_space, "The server's storage is full; delete what is no longer needed, or try later.");
+}
+
+[[noreturn]] void throw_storage(int error) {
+  // EFBIG is a limit of the process or of the file system, EDQUOT one of the user: all mean that it does not fit.
+  if (error == ENOSPC || error == EDQUOT || error == EFBIG) throw_no_space();
+  if (error == EMFILE || error == ENFILE)
+    throw Error(ErrorCode::busy, "The server has too many files open; try again in a moment.");
+  throw Error(
+      ErrorCode::corrupt,
+      "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
+}
+
+void sync_folder(const fs::path& folder) {
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) throw_storage(errno);
+  const int result = ::fsync(descriptor);
+  const int error = errno;
+  ::close(descriptor);
+  if (result != 0) throw_storage(error);
+}
+
+bool is_name_part(std::string_view part) {
+  return !part.empty() && std::all_of(part.begin(), part.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  });
+}
+
+bool is_name(std::string_view name) {
+  const std::size_t slash = name.find('/');
+  return slash == std::string_view::npos ? is_name_part(name)
+                                         : is_name_part(name.substr(0, slash)) && is_name_part(name.substr(slash + 1));
+}
+
+/// Key: <name>.<digest>.<random part>.
+std::string make_key(std::string_view name, const std::string& digest) {
+  return std::string(name) + "." + digest + "." + random_id("b");
+}
+
+/// The digest in a key; empty when `key` was not made by make_key.
+std::string digest_of(std::string_view key) {
+  const std::size_t dot = key.find('.');
+  if (dot == std::string_view::npos || !is_name(key.substr(0, dot))) return {};
+  const std::string_view rest = key.substr(dot + 1);
+  if (rest.size() <= digest_digits || rest[digest_digits] != '.' || !is_id("b", rest.substr(digest_digits + 1)))
+    return {};
+  return std::string(rest.substr(0, digest_digits));
+}
+
+class FileStaging final : public Staging {
+ public:
+  FileStaging(std::uint64_t limit, fs::path root, const fs::path& temporary)
+      : Staging(limit), root_(std::move(root)), path_(temporary / random_id("staging")) {
+    descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    if (descriptor_ < 0) throw_storage(errno);
+  }
+
+  ~FileStaging() override {
+    if (descriptor_ >= 0) ::close(descriptor_);
+    if (!path_.empty()) ::unlink(path_.c_str());
+  }
+
+  Blob open() const override {
+    SPHERULE_CHECK(!path_.empty());
+    const int descriptor = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+    if (descriptor < 0) throw_storage(errno);
+    return {descriptor, path_, sha256()};
+  }
+
+  std::string commit(std::string_view name) override {
+    SPHERULE_CHECK(!path_.empty() && is_name(name));
+    // Only once the content is on the disk may the name be: a power cut in between must not leave an empty blob.
+    if (::fsync(descriptor_) != 0) throw_storage(errno);
+    std::string key = make_key(name, sha256());
+    const fs::path target = root_ / key;
+    make_folder(target.parent_path());
+    if (::rename(path_.c_str(), target.c_str()) != 0) throw_storage(errno);
+    path_ = target;  // until the folder is durable too, the destructor takes the blob back
+    sync_folder(target.parent_path());
+    path_.clear();
+    return key;
+  }
+
+ protected:
+  void write(std::string_view bytes) override {
+    while (!bytes.empty()) {
+      const ssize_t put = ::write(descriptor_, bytes.data(), bytes.size());
+      if (put < 0 && errno == EINTR) continue;
+      if (put < 0) throw_storage(errno);
+      bytes.remove_prefix(static_cast<std::size_t>(put));
+    }
+  }
+
+ private:
+  fs::path root_;
+  fs::path path_;  // empty once committed
+  int descriptor_ = -1;
+};
+
+}  // namespace
+
+void make_folder(const fs::path& folder) {
+  std::error_code failed;
+  if (fs::is_directory(folder, failed)) return;
+  const fs::path parent = fs::absolute(folder).parent_path();
+  make_folder(parent);
+  if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) throw_storage(errno);  // scans are nobody else's business
+  sync_folder(parent);
+}
+
+std::string BlobStore::put(std::string_view name, std::string_view bytes) {
+  const std::unique_ptr<Staging> staging = stage(std::numeric_limits<std::uint64_t>::max(), bytes.size());
+  staging->append(bytes);
+  return staging->commit(name);
+}
+
+FileBlobStore::FileBlobStore(fs::path root) : root_(std::move(root)) {
+  std::error_code ignored;
+  fs::remove_all(scratch_root(), ignored);
+  make_folder(root_);
+  make_folder(scratch_root());
+}
+
+std::unique_ptr<Staging> FileBlobStore::stage(std::uint64_t limit, std::optional<std::uint64_t> declared) {
+  if (declared && *declared > limit)
+    throw Error(ErrorCode::too_large, "The data has " + std::to_string(*declared) + " bytes, and this server accepts " +
+                                          std::to_string(limit) + "; send less, or raise its limit.");
+  if (declared.value_or(0) > free_bytes()) throw_no_space();
+  return std::make_unique<FileStaging>(limit, root_, scratch_root());
+}
+
+Blob FileBlobStore::open(const std::string& key) const {
+  std::string digest = digest_of(key);
+  const fs::path path = root_ / key;
+  const int descriptor = digest.empty() ? -1 : ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) {
+    if (!digest.empty() && errno != ENOENT) throw_storage(errno);
+    throw Error(ErrorCode::not_found, "This data is no longer stored; it may have been deleted.");
+  }
+  return {descriptor, path, std::move(digest)};
+}
+
+void FileBlobStore::remove(const std::string& key) {
+  if (digest_of(key).empty()) return;
+  if (::unlink((root_ / key).c_str()) != 0 && errno != ENOENT) throw_storage(errno);
+}
+
+std::vector<std::string> FileBlobStore::keys() const {
+  std::vector<std::string> keys;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root_)) {
+    std::string key = entry.path().lexically_relative(root_).generic_string();
+    if (!digest_of(key).empty()) keys.push_back(std::move(key));
+  }
+  return keys;
+}
+
+std::uint64_t FileBlobStore::free_bytes() const {
+  struct statvfs status {};
+  if (::statvfs(root_.c_str(), &status) != 0) throw_storage(errno);
+  const std::uint64_t free = std::uint64_t{status.f_bavail} * status.f_frsize;
+  return free > reserve_bytes ? free - reserve_bytes : 0;
+}
+
+// The dot keeps it apart from any name that a blob can have.
+fs::path FileBlobStore::scratch_root() const { return root_ / ".tmp"; }
+
+}  // namespace spherule::server

@@ -1,0 +1,502 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/catalog.h"
+
+#include <sqlite3.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <limits>
+#include <mutex>
+#include <new>
+#include <stdexcept>
+#include <utility>
+
+#include "core/base/check.h"
+
+namespace spherule::server {
+
+namespace {
+
+constexpr int application_id = 0x53706872;  // "Sphr": tells our files from other SQLite files
+
+// Step i brings a file from schema version i to i + 1. Steps that were released never change.
+constexpr std::array migrations = {
+    R"sql(
+CREATE TABLE resources (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, collection TEXT NOT NULL, created INTEGER NOT NULL,
+  request TEXT NOT NULL, document TEXT NOT NULL, bytes INTEGER NOT NULL) STRICT;
+CREATE INDEX resources_by_collection ON resources (collection, seq);
+CREATE TABLE inputs (
+  resource INTEGER NOT NULL REFERENCES resources (seq) ON DELETE CASCADE, position INTEGER NOT NULL,
+  input INTEGER NOT NULL REFERENCES resources (seq), PRIMARY KEY (resource, position)) STRICT, WITHOUT ROWID;
+CREATE INDEX inputs_by_input ON inputs (input);
+CREATE TABLE blobs (
+  resource INTEGER NOT NULL REFERENCES resources (seq) ON DELETE CASCADE, position INTEGER NOT NULL,
+  key TEXT NOT NULL UNIQUE, PRIMARY KEY (resource, position)) STRICT, WITHOUT ROWID;
+CREATE TABLE jobs (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, kind TEXT NOT NULL, result_id TEXT NOT NULL,
+  request TEXT NOT NULL, state TEXT NOT NULL, stage TEXT NOT NULL, progress REAL NOT NULL,
+  requesters INTEGER NOT NULL, attempts INTEGER NOT NULL, crashes INTEGER NOT NULL,
+  created INTEGER NOT NULL, started INTEGER, finished INTEGER, error_code TEXT, error_sentence TEXT) STRICT;
+CREATE INDEX jobs_unfinished ON jobs (seq) WHERE finished IS NULL;
+CREATE TABLE warnings (
+  job INTEGER NOT NULL REFERENCES jobs (seq) ON DELETE CASCADE, position INTEGER NOT NULL, sentence TEXT NOT NULL,
+  PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;
+)sql"};
+
+constexpr std::array<std::pair<JobState, std::string_view>, 6> state_names = {{{JobState::queued, "queued"},
+                                                                               {JobState::running, "running"},
+                                                                               {JobState::succeeded, "succeeded"},
+                                                                               {JobState::failed, "failed"},
+                                                                               {JobState::cancelling, "cancelling"},
+                                                                               {JobState::cancelled, "cancelled"}}};
+
+// Stored by name, since numbers would shift when a code is added.
+constexpr std::array<std::pair<ErrorCode, std::string_view>, 11> code_names = {
+    {{ErrorCode::invalid_argument, "invalid_argument"},
+     {ErrorCode::malformed, "malformed"},
+     {ErrorCode::unknown_format, "unknown_format"},
+     {ErrorCode::unusable, "unusable"},
+     {ErrorCode::too_large, "too_large"},
+     {ErrorCode::not_found, "not_found"},
+     {ErrorCode::conflict, "conflict"},
+     {ErrorCode::no_space, "no_space"},
+     {ErrorCode::busy, "busy"},
+     {ErrorCode::cancelled, "cancelled"},
+     {ErrorCode::corrupt, "corrupt"}}};
+
+[[noreturn]] void throw_corrupt() {
+  throw Error(ErrorCode::corrupt,
+              "The server's catalogue is damaged or not a catalogue; restore the data folder from a backup, or start "
+              "with an empty one.");
+}
+
+template <typename Names, typename Value>
+std::string_view name_of(const Names& names, Value value) {
+  for (const auto& [known, name] : names)
+    if (known == value) return name;
+  SPHERULE_CHECK(!"every value has a name");
+  return {};
+}
+
+template <typename Names>
+auto value_of(const Names& names, std::string_view text) {
+  for (const auto& [value, name] : names)
+    if (name == text) return value;
+  throw_corrupt();
+}
+
+[[noreturn]] void throw_sqlite(sqlite3* database, int result) {
+  switch (result & 0xff) {
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+    case SQLITE_FORMAT: throw_corrupt();
+    case SQLITE_FULL:
+      throw Error(ErrorCode::no_space, "The server's storage is full; delete what is no longer needed, or try later.");
+    case SQLITE_BUSY:
+    case SQLITE_LOCKED:
+      throw Error(ErrorCode::busy, "Another server uses this data folder; stop it, or choose another folder.");
+    case SQLITE_IOERR:
+    case SQLITE_CANTOPEN:
+    case SQLITE_READONLY:
+    case SQLITE_PERM:
+      throw Error(
+          ErrorCode::corrupt,
+          "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
+    case SQLITE_NOMEM: throw std::bad_alloc();
+    default: throw std::logic_error(std::string("catalogue: ") + sqlite3_errmsg(database));
+  }
+}
+
+/// One prepared statement; parameters are bound in order, columns read by index.
+class Statement {
+ public:
+  template <typename... Values>
+  Statement(sqlite3* database, std::string_view sql, const Values&... values) : database_(database) {
+    const int result = sqlite3_prepare_v2(database, sql.data(), static_cast<int>(sql.size()), &statement_, nullptr);
+    if (result != SQLITE_OK) throw_sqlite(database, result);
+    int index = 0;
+    (bind(++index, values), ...);
+  }
+  ~Statement() { sqlite3_finalize(statement_); }
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+
+  /// True when there is a row to read.
+  bool step() {
+    const int result = sqlite3_step(statement_);
+    if (result != SQLITE_ROW && result != SQLITE_DONE) throw_sqlite(database_, result);
+    return result == SQLITE_ROW;
+  }
+
+  bool is_null(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
+  std::int64_t integer(int column) const { return sqlite3_column_int64(statement_, column); }
+  double real(int column) const { return sqlite3_column_double(statement_, column); }
+  unsigned count(int column) const { return static_cast<unsigned>(integer(column)); }
+  Time time(int column) const { return Time(std::chrono::microseconds(integer(column))); }
+  std::optional<Time> optional_time(int column) const {
+    return is_null(column) ? std::nullopt : std::optional(time(column));
+  }
+  std::string text(int column) const {
+    const void* bytes = sqlite3_column_blob(statement_, column);
+    return {static_cast<const char*>(bytes),
+            bytes ? static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)) : 0};
+  }
+
+ private:
+  void bind(int index, std::string_view text) {
+    // A null pointer would bind NULL, not the empty text.
+    check(sqlite3_bind_text64(statement_, index, text.empty() ? "" : text.data(), text.size(), SQLITE_TRANSIENT,
+                              SQLITE_UTF8));
+  }
+  void bind(int index, const char* text) { bind(index, std::string_view(text)); }
+  void bind(int index, const std::string& text) { bind(index, std::string_view(text)); }
+  void bind(int index, std::int64_t value) { check(sqlite3_bind_int64(statement_, index, value)); }
+  void bind(int index, std::uint64_t value) { bind(index, static_cast<std::int64_t>(value)); }
+  void bind(int index, int value) { bind(index, std::int64_t{value}); }
+  void bind(int index, unsigned value) { bind(index, std::int64_t{value}); }
+  void bind(int index, double value) { check(sqlite3_bind_double(statement_, index, value)); }
+  void bind(int index, Time value) { bind(index, std::int64_t{value.time_since_epoch().count()}); }
+  template <typename T>
+  void bind(int index, const std::optional<T>& value) {
+    if (value) bind(index, *value);
+  }
+  void check(int result) {
+    if (result != SQLITE_OK) throw_sqlite(database_, result);
+  }
+
+  sqlite3* database_;
+  sqlite3_stmt* statement_ = nullptr;
+};
+
+/// Undone by the destructor unless committed.
+class Transaction {
+ public:
+  explicit Transaction(sqlite3* database) : database_(database) { Statement(database, "BEGIN IMMEDIATE").step(); }
+  ~Transaction() {
+    if (!sqlite3_get_autocommit(database_)) sqlite3_exec(database_, "ROLLBACK", nullptr, nullptr, nullptr);
+  }
+  Transaction(const Transaction&) = delete;
+  Transaction& operator=(const Transaction&) = delete;
+
+  void commit() { Statement(database_, "COMMIT").step(); }
+
+ private:
+  sqlite3* database_;
+};
+
+/// Cursors are the number of the last row that was seen.
+std::int64_t parse_cursor(const std::string& cursor) {
+  if (cursor.empty()) return std::numeric_limits<std::int64_t>::max();
+  std::int64_t before = 0;
+  const auto [end, error] = std::from_chars(cursor.data(), cursor.data() + cursor.size(), before);
+  if (error != std::errc() || end != cursor.data() + cursor.size() || before <= 0) {
+    const std::string sentence = "The cursor is not one that this server gave; start again without a cursor.";
+    throw Error(ErrorCode::invalid_argument, sentence, {{"cursor", sentence}});
+  }
+  return before;
+}
+
+constexpr std::string_view resource_columns = "seq, id, collection, created, request, document, bytes";
+
+Resource read_resource(sqlite3* database, const Statement& row) {
+  Resource resource;
+  resource.id = row.text(1);
+  resource.collection = row.text(2);
+  resource.created = row.time(3);
+  resource.request = row.text(4);
+  resource.document = row.text(5);
+  resource.bytes = static_cast<std::uint64_t>(row.integer(6));
+  Statement inputs(database,
+                   "SELECT r.id FROM inputs i JOIN resources r ON r.seq = i.input WHERE i.resource = ?"
+                   " ORDER BY i.position",
+                   row.integer(0));
+  while (inputs.step()) resource.inputs.push_back(inputs.text(0));
+  Statement blobs(database, "SELECT key FROM blobs WHERE resource = ? ORDER BY position", row.integer(0));
+  while (blobs.step()) resource.blobs.push_back(blobs.text(0));
+  return resource;
+}
+
+bool insert_resource(sqlite3* database, const Resource& resource) {
+  Statement(database,
+            "INSERT INTO resources (id, collection, created, request, document, bytes) VALUES (?, ?, ?, ?, ?, ?)"
+            " ON CONFLICT (id) DO NOTHING",
+            resource.id, resource.collection, now(), resource.request, resource.document, resource.bytes)
+      .step();
+  if (sqlite3_changes(database) == 0) return false;
+  const std::int64_t seq = sqlite3_last_insert_rowid(database);
+  for (int i = 0; const std::string& input : resource.inputs) {
+    Statement(database, "INSERT INTO inputs (resource, position, input) SELECT ?, ?, seq FROM resources WHERE id = ?",
+              seq, i++, input)
+        .step();
+    if (sqlite3_changes(database) == 0)
+      throw Error(ErrorCode::conflict, "What this was to be made from has been deleted meanwhile; upload it again.");
+  }
+  for (int i = 0; const std::string& key : resource.blobs)
+    Statement(database, "INSERT INTO blobs (resource, position, key) VALUES (?, ?, ?)", seq, i++, key).step();
+  return true;
+}
+
+constexpr std::string_view job_columns =
+    "seq, id, kind, result_id, request, state, stage, progress, requesters, attempts, crashes, created, started,"
+    " finished, error_code, error_sentence";
+
+JobRecord read_job(sqlite3* database, const Statement& row) {
+  JobRecord job;
+  job.id = row.text(1);
+  job.kind = row.text(2);
+  job.result_id = row.text(3);
+  job.request = row.text(4);
+  job.state = value_of(state_names, row.text(5));
+  job.stage = row.text(6);
+  job.progress = row.real(7);
+  job.requesters = row.count(8);
+  job.attempts = row.count(9);
+  job.crashes = row.count(10);
+  job.created = row.time(11);
+  job.started = row.optional_time(12);
+  job.finished = row.optional_time(13);
+  if (!row.is_null(15)) {
+    job.error.emplace();
+    if (!row.is_null(14)) job.error->code = value_of(code_names, row.text(14));
+    job.error->sentence = row.text(15);
+  }
+  Statement warnings(database, "SELECT sentence FROM warnings WHERE job = ? ORDER BY position", row.integer(0));
+  while (warnings.step()) job.warnings.push_back(warnings.text(0));
+  return job;
+}
+
+void write_job(sqlite3* database, const JobRecord& job) {
+  std::optional<std::string_view> code, sentence;
+  if (job.error) sentence = job.error->sentence;
+  if (job.error && job.error->code) code = name_of(code_names, *job.error->code);
+  Statement(database,
+            "UPDATE jobs SET state = ?, stage = ?, progress = ?, requesters = ?, attempts = ?, crashes = ?,"
+            " started = ?, finished = ?, error_code = ?, error_sentence = ? WHERE id = ?",
+            to_string(job.state), job.stage, job.progress, job.requesters, job.attempts, job.crashes, job.started,
+            job.finished, code, sentence, job.id)
+      .step();
+  SPHERULE_CHECK(sqlite3_changes(database) == 1);
+  Statement(database, "DELETE FROM warnings WHERE job = (SELECT seq FROM jobs WHERE id = ?)", job.id).step();
+  for (int i = 0; const std::string& sentence_of_warning : job.warnings)
+    Statement(database, "INSERT INTO warnings (job, position, sentence) SELECT seq, ?, ? FROM jobs WHERE id = ?", i++,
+              sentence_of_warning, job.id)
+        .step();
+}
+
+}  // namespace
+
+Time now() { return std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now()); }
+
+std::string_view to_string(JobState state) { return name_of(state_names, state); }
+
+struct Catalog::State {
+  std::mutex mutex;
+  sqlite3* database = nullptr;
+
+  ~State() { sqlite3_close(database); }
+
+  void run(const char* script) {
+    const int result = sqlite3_exec(database, script, nullptr, nullptr, nullptr);
+    if (result != SQLITE_OK) throw_sqlite(database, result);
+  }
+
+  std::int64_t number(const char* query) {
+    Statement statement(database, query);
+    return statement.step() ? statement.integer(0) : 0;
+  }
+
+  void open(const std::filesystem::path& file) {
+    const int result = sqlite3_open_v2(file.c_str(), &database,
+                                       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, nullptr);
+    if (result != SQLITE_OK) throw_sqlite(database, result);
+    sqlite3_busy_timeout(database, 500);  // ms, for a predecessor that is just closing
+    run("PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;"
+        "PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
+    Statement check(database, "PRAGMA quick_check(1)");
+    if (!check.step() || check.text(0) != "ok") throw_corrupt();
+  }
+
+  void migrate() {
+    Transaction transaction(database);  // takes the lock, too
+    const std::int64_t version = number("PRAGMA user_version");
+    const bool ours = number("PRAGMA application_id") == application_id ||
+                      (version == 0 && number("SELECT count(*) FROM sqlite_schema") == 0);
+    if (!ours || version < 0) throw_corrupt();
+    if (version > static_cast<std::int64_t>(migrations.size()))
+      throw Error(ErrorCode::conflict,
+                  "A newer version of this server wrote the data folder; run that version, or choose another folder.");
+    for (std::size_t step = static_cast<std::size_t>(version); step < migrations.size(); ++step) run(migrations[step]);
+    run(("PRAGMA application_id = " + std::to_string(application_id)).c_str());
+    run(("PRAGMA user_version = " + std::to_string(migrations.size())).c_str());
+    transaction.commit();
+  }
+};
+
+Catalog::Catalog(const std::filesystem::path& file) : state_(std::make_unique<State>()) {
+  if (file.has_parent_path()) make_folder(file.parent_path());
+  state_->open(file);
+  state_->migrate();
+}
+
+Catalog::~Catalog() = default;
+
+bool Catalog::add(const Resource& resource) {
+  const std::lock_guard lock(state_->mutex);
+  Transaction transaction(state_->database);
+  const bool added = insert_resource(state_->database, resource);
+  if (added) transaction.commit();
+  return added;
+}
+
+std::optional<Resource> Catalog::find(const std::string& id) const {
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE id = ?", id);
+  if (!row.step()) return {};
+  return read_resource(state_->database, row);
+}
+
+namespace {
+
+/// `row` yields rows in descending seq (column 0), one more than `limit` when there are more.
+template <typename T, typename Read>
+Page<T> read_page(Statement& row, std::size_t limit, const Read& read) {
+  Page<T> page;
+  std::int64_t last = 0;
+  while (row.step()) {
+    if (page.items.size() == limit) {
+      page.next = std::to_string(last);
+      break;
+    }
+    page.items.push_back(read(row));
+    last = row.integer(0);
+  }
+  return page;
+}
+
+std::size_t clamp_limit(std::size_t limit) { return std::clamp<std::size_t>(limit, 1, 1'000'000); }
+
+}  // namespace
+
+Page<Resource> Catalog::list(const std::string& collection, const std::string& cursor, std::size_t limit) const {
+  limit = clamp_limit(limit);
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database,
+                "SELECT " + std::string(resource_columns) +
+                    " FROM resources WHERE collection = ? AND seq < ? ORDER BY seq DESC LIMIT ?",
+                collection, parse_cursor(cursor), std::uint64_t{limit + 1});
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(state_->database, r); });
+}
+
+std::vector<std::string> Catalog::erase(const std::string& id) {
+  // UNION, not UNION ALL: something made from two descendants appears once.
+  constexpr std::string_view doomed =
+      "WITH RECURSIVE doomed (seq) AS (SELECT seq FROM resources WHERE id = ?"
+      " UNION SELECT i.resource FROM inputs i JOIN doomed d ON i.input = d.seq) ";
+  const std::lock_guard lock(state_->mutex);
+  Transaction transaction(state_->database);
+  std::vector<std::string> keys;
+  {
+    Statement blobs(state_->database,
+                    std::string(doomed) + "SELECT key FROM blobs WHERE resource IN doomed ORDER BY resource, position",
+                    id);
+    while (blobs.step()) keys.push_back(blobs.text(0));
+  }
+  Statement(state_->database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
+  if (sqlite3_changes(state_->database) == 0)
+    throw Error(ErrorCode::not_found, "There is nothing under this id; it may have been deleted.");
+  transaction.commit();
+  return keys;
+}
+
+bool Catalog::owns_blob(const std::string& key) const {
+  const std::lock_guard lock(state_->mutex);
+  return Statement(state_->database, "SELECT 1 FROM blobs WHERE key = ?", key).step();
+}
+
+void Catalog::add_job(const JobRecord& job) {
+  const std::lock_guard lock(state_->mutex);
+  Transaction transaction(state_->database);
+  Statement(state_->database,
+            "INSERT INTO jobs (id, kind, result_id, request, created, state, stage, progress, requesters, attempts,"
+            " crashes) VALUES (?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
+            job.id, job.kind, job.result_id, job.request, job.created)
+      .step();
+  write_job(state_->database, job);
+  transaction.commit();
+}
+
+void Catalog::update_job(const JobRecord& job) {
+  const std::lock_guard lock(state_->mutex);
+  Transaction transaction(state_->database);
+  write_job(state_->database, job);
+  transaction.commit();
+}
+
+bool Catalog::complete_job(const JobRecord& job, const Resource& result) {
+  const std::lock_guard lock(state_->mutex);
+  Transaction transaction(state_->database);
+  const bool added = insert_resource(state_->database, result);
+  write_job(state_->database, job);
+  transaction.commit();
+  return added;
+}
+
+std::optional<JobRecord> Catalog::find_job(const std::string& id) const {
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE id = ?", id);
+  if (!row.step()) return {};
+  return read_job(state_->database, row);
+}
+
+Page<JobRecord> Catalog::list_jobs(const std::string& cursor, std::size_t limit) const {
+  limit = clamp_limit(limit);
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database,
+                "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq < ? ORDER BY seq DESC LIMIT ?",
+                parse_cursor(cursor), std::uint64_t{limit + 1});
+  return read_page<JobRecord>(row, limit, [&](const Statement& r) { return read_job(state_->database, r); });
+}
+
+std::vector<JobRecord> Catalog::unfinished_jobs() const {
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database,
+                "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
+  std::vector<JobRecord> jobs;
+  while (row.step()) jobs.push_back(read_job(state_->database, row));
+  return jobs;
+}
+
+namespace {
+
+void remove_all(BlobStore& blobs, const std::vector<std::string>& keys) {
+  for (const std::string& key : keys) try {
+      blobs.remove(key);
+    } catch (const Error&) {
+      // Nobody owns it any more, so the next start removes it.
+    }
+}
+
+}  // namespace
+
+bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource) {
+  try {
+    const bool added = catalog.add(resource);
+    if (!added) remove_all(blobs, resource.blobs);
+    return added;
+  } catch (const Error& error) {
+    // After an I/O error the row may yet turn out to be there; then its blobs must be, too.
+    if (error.code() != ErrorCode::corrupt) remove_all(blobs, resource.blobs);
+    throw;
+  }
+}
+
+void withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id) { remove_all(blobs, catalog.erase(id)); }
+
+void remove_orphans(const Catalog& catalog, BlobStore& blobs) {
+  for (const std::string& key : blobs.keys())
+    if (!catalog.owns_blob(key)) blobs.remove(key);
+}
+
+}  // namespace spherule::server

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// What the server knows, in one SQLite file (the only user of SQL). Two kinds of rows: resources, which are immutable
+// and content-addressed (volumes, models, answers derived from them), and jobs. Documents and requests are opaque
+// text here. A function that changes something has made it durable when it returns.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/error.h"
+#include "server/blob_store.h"
+
+namespace spherule::server {
+
+/// Stored to the microsecond, UTC.
+using Time = std::chrono::sys_time<std::chrono::microseconds>;
+
+Time now();
+
+/// A thing under an id: a volume, a model, a cached answer.
+struct Resource {
+  std::string id;                   ///< content_id: equal ids are equal things
+  std::string collection;           ///< "volumes", "models", …: what lists go by
+  Time created{};                   ///< set by the catalogue
+  std::string request;              ///< canonical text of what was asked, if anything
+  std::string document;             ///< whatever the api layer wants to find again
+  std::vector<std::string> inputs;  ///< ids of the resources that it was made from; deleted together with any of them
+  std::vector<std::string> blobs;   ///< keys in the blob store, in the owner's order
+  std::uint64_t bytes = 0;          ///< of all blobs together
+};
+
+enum class JobState { queued, running, succeeded, failed, cancelling, cancelled };
+
+/// Over: the state will not change any more.
+constexpr bool is_over(JobState state) {
+  return state == JobState::succeeded || state == JobState::failed || state == JobState::cancelled;
+}
+
+/// "queued", "running", …
+std::string_view to_string(JobState state);
+
+struct JobError {
+  std::optional<ErrorCode> code;  ///< nothing: a fault of this program
+  std::string sentence;
+};
+
+/// What survives of a job.
+struct JobRecord {
+  std::string id;         ///< random_id("job")
+  std::string kind;       ///< "model", …
+  std::string result_id;  ///< id of the resource that it makes, known beforehand because ids are content addresses
+  std::string request;    ///< all that is needed to run it again
+  JobState state = JobState::queued;
+  std::string stage;        ///< what it is doing, in the runner's words; kept when it ends
+  double progress = 0;      ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
+  unsigned requesters = 1;  ///< who still want it
+  unsigned attempts = 1;    ///< how many servers took it up: 1 + restarts while it was not over
+  unsigned crashes = 0;     ///< how often the process died while it ran
+  Time created{};
+  std::optional<Time> started;   ///< of the last run
+  std::optional<Time> finished;  ///< set when over
+  std::vector<std::string> warnings;
+  std::optional<JobError> error;  ///< set when failed
+};
+
+/// One page of a list, newest first. Rows that are added meanwhile never shift the following pages.
+template <typename T>
+struct Page {
+  std::vector<T> items;
+  std::string next;  ///< cursor of the next page; empty on the last one
+};
+
+/// Thread safe: one connection behind a mutex (WAL, synchronous=FULL, foreign keys). Every function may throw corrupt
+/// (the file is damaged), no_space (the disk is full; nothing has changed) and busy (the file is locked).
+class Catalog {
+ public:
+  /// Opens or makes the file, brings its schema up to date and locks it for this process until destroyed or killed.
+  /// Throws busy when another process has it, corrupt when it is no catalogue or fails SQLite's check, conflict when a
+  /// newer version of this program wrote it. ":memory:" gives one that is never stored, for tests.
+  explicit Catalog(const std::filesystem::path& file);
+  ~Catalog();
+  Catalog(const Catalog&) = delete;
+  Catalog& operator=(const Catalog&) = delete;
+
+  /// False, without effect, when the id is there already. Throws conflict when an input is not (any more).
+  bool add(const Resource& resource);
+
+  [[nodiscard]] std::optional<Resource> find(const std::string& id) const;
+
+  /// `cursor` is empty or a page's `next`; anything else throws invalid_argument. At least one item a page. O(page).
+  [[nodiscard]] Page<Resource> list(const std::string& collection, const std::string& cursor, std::size_t limit) const;
+
+  /// Deletes the resource and everything made from it, and returns the blob keys to be removed now.
+  /// Throws not_found.
+  [[nodiscard]] std::vector<std::string> erase(const std::string& id);
+
+  /// Whether some resource owns this blob.
+  [[nodiscard]] bool owns_blob(const std::string& key) const;
+
+  // Jobs; JobPool is the only caller. Each function is one transaction.
+  void add_job(const JobRecord& job);
+
+  /// Replaces everything but id, kind, result_id, request and created.
+  void update_job(const JobRecord& job);
+
+  /// As update_job for a job that succeeded, and adds its result in the same transaction, so that neither is ever seen
+  /// without the other. False when the result was there already (its blobs are then not needed). Throws conflict,
+  /// changing nothing, when an input was deleted meanwhile.
+  bool complete_job(const JobRecord& job, const Resource& result);
+
+  [[nodiscard]] std::optional<JobRecord> find_job(const std::string& id) const;
+  [[nodiscard]] Page<JobRecord> list_jobs(const std::string& cursor, std::size_t limit) const;
+
+  /// Jobs that are not over, oldest first.
+  [[nodiscard]] std::vector<JobRecord> unfinished_jobs() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// Adds a resource whose blobs are committed. When the id is there already (returns false) or adding fails (throws),
+/// the given blobs are removed again (at the latest by the next start), so the caller owns nothing afterwards.
+bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource);
+
+/// Deletes a resource, everything made from it, and their blobs; returns when the catalogue has forgotten them for
+/// good. Throws not_found.
+void withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id);
+
+/// Removes blobs that nothing owns, which a crash between commit and add leaves. Only before anything is served:
+/// a blob on its way to being published would look the same.
+void remove_orphans(const Catalog& catalog, BlobStore& blobs);
+
+}  // namespace spherule::server

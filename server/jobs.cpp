@@ -1,0 +1,484 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Every transition is made under one mutex: first in the catalogue, then in memory. The catalogue's fsync is thereby
+// waited for under the mutex; transitions are rare (a few a job), so simplicity wins.
+#include "server/jobs.h"
+
+#include <algorithm>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <mutex>
+#include <new>
+#include <thread>
+#include <unordered_map>
+#include <utility>
+
+#include "core/base/check.h"
+
+namespace spherule::server {
+
+namespace {
+
+using SteadyClock = std::chrono::steady_clock;
+
+constexpr std::size_t max_warnings = 100;
+constexpr std::size_t kept_finished_jobs = 256;  // with their events; older ones are read from the catalogue
+constexpr double progress_event_step = 0.01;
+constexpr double least_progress_to_judge_by = 0.02;
+
+// Event numbers: the attempt in the high bits, so that they ascend over restarts without being stored.
+std::uint64_t first_event(const JobRecord& job) { return std::uint64_t{job.attempts} << 32; }
+std::uint64_t end_event(const JobRecord& job) { return (std::uint64_t{job.attempts + 1} << 32) - 1; }
+
+JobError fault() { return {{}, "The server failed at this work because of a fault of its own; please report it."}; }
+
+Error not_found() { return {ErrorCode::not_found, "There is no job under this id."}; }
+
+double seconds(auto duration) { return std::chrono::duration<double>(duration).count(); }
+
+struct Job {
+  JobRecord record;
+  SteadyClock::time_point run_began;
+  std::stop_source stop;
+  std::uint64_t last_number;
+  double announced_progress = 0;
+  std::vector<JobEvent> events;  // bounded: states, warnings, and at most one of progress
+
+  explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)) {}
+
+  void announce(JobEvent::Type type, std::string warning = {}) {
+    if (type == JobEvent::Type::progress) {
+      announced_progress = record.progress;
+      std::erase_if(events, [](const JobEvent& event) { return event.type == JobEvent::Type::progress; });
+    }
+    last_number = type == JobEvent::Type::end ? end_event(record) : last_number + 1;
+    events.push_back({last_number, type, record.state, record.stage, record.progress, std::move(warning)});
+  }
+};
+
+/// Of a job that is not in memory.
+JobStatus status_of(JobRecord record) {
+  JobStatus status;
+  status.record = std::move(record);
+  if (status.record.started && status.record.finished)
+    status.elapsed_s = std::max(0.0, seconds(*status.record.finished - *status.record.started));
+  return status;
+}
+
+}  // namespace
+
+struct JobPool::State {
+  using JobPtr = std::shared_ptr<Job>;
+
+  const JobPoolOptions options;
+  Catalog& catalog;
+  BlobStore& blobs;
+  const JobRunner runner;
+  const FaultLog log;
+
+  std::mutex mutex;
+  std::condition_variable work;     // a job was queued, or the pool stops
+  std::condition_variable changed;  // an event, or the pool stops
+  std::deque<JobPtr> queue;
+  std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
+  std::unordered_map<std::string, JobPtr> by_result;  // those that a request for the same result may join
+  std::deque<std::string> finished;                   // oldest first
+  std::size_t running = 0;
+  bool stopping = false;
+  std::vector<std::jthread> workers;
+
+  State(JobPoolOptions o, Catalog& c, BlobStore& b, JobRunner r, FaultLog l)
+      : options(o), catalog(c), blobs(b), runner(std::move(r)), log(std::move(l)) {}
+
+  // All below but work_on, run and take_back: with the mutex held.
+
+  JobPtr find(const std::string& id) const {
+    const auto found = jobs.find(id);
+    return found == jobs.end() ? nullptr : found->second;
+  }
+
+  JobStatus status(const Job& job) const {
+    JobStatus status = status_of(job.record);
+    if (job.record.state == JobState::queued) {
+      const auto place =
+          std::find_if(queue.begin(), queue.end(), [&](const JobPtr& queued) { return queued.get() == &job; });
+      status.queue_position = static_cast<std::size_t>(place - queue.begin());
+    } else if (!is_over(job.record.state)) {
+      status.elapsed_s = seconds(SteadyClock::now() - job.run_began);
+      if (job.record.state == JobState::running && job.record.progress >= least_progress_to_judge_by)
+        status.remaining_s = status.elapsed_s * (1 - job.record.progress) / job.record.progress;
+    }
+    return status;
+  }
+
+  void announce(Job& job, JobEvent::Type type, std::string warning = {}) {
+    job.announce(type, std::move(warning));
+    changed.notify_all();
+  }
+
+  void enqueue(const JobPtr& job) {
+    jobs[job->record.id] = job;
+    by_result[job->record.result_id] = job;
+    queue.push_back(job);
+    announce(*job, JobEvent::Type::state);
+    work.notify_one();
+  }
+
+  void no_longer_joinable(const Job& job) {
+    const auto found = by_result.find(job.record.result_id);
+    if (found != by_result.end() && found->second.get() == &job) by_result.erase(found);
+  }
+
+  /// The catalogue knows already.
+  void end(Job& job, JobRecord record) {
+    job.record = std::move(record);
+    no_longer_joinable(job);
+    announce(job, JobEvent::Type::end);
+    finished.push_back(job.record.id);
+    if (finished.size() > kept_finished_jobs) {
+      jobs.erase(finished.front());
+      finished.pop_front();
+    }
+  }
+
+  /// The record of a job that ends now.
+  static JobRecord ended(JobRecord record, JobState state, std::optional<JobError> error = {}) {
+    record.state = state;
+    record.finished = now();
+    record.error = std::move(error);
+    if (state == JobState::succeeded) record.progress = 1;
+    return record;
+  }
+
+  /// Ends a job that adds no resource. When not even that can be stored, the job has failed for those who ask this
+  /// process, and the next one runs it again.
+  void store_end(Job& job, JobRecord record) {
+    try {
+      catalog.update_job(record);
+      end(job, std::move(record));
+    } catch (const Error& error) {
+      record = ended(std::move(record), JobState::failed, JobError{error.code(), error.what()});
+      job.record = std::move(record);
+      no_longer_joinable(job);
+      announce(job, JobEvent::Type::end);  // and stays in `jobs`, since the catalogue would tell otherwise
+    }
+  }
+
+  void take_back(const std::vector<std::string>& keys) const {
+    for (const std::string& key : keys) try {
+        blobs.remove(key);
+      } catch (const Error&) {
+        // Nobody owns it, so the next start removes it.
+      }
+  }
+
+  void take_up_unfinished();
+  void work_on();
+  void run(const JobPtr& job);
+};
+
+namespace {
+
+class Running final : public JobContext {
+ public:
+  Running(unsigned threads, Job& job, std::mutex& mutex, std::condition_variable& changed)
+      : threads_(threads), job_(job), mutex_(mutex), changed_(changed) {}
+
+  Context context(double from, double to) override {
+    Context context;
+    context.threads = threads_;
+    context.cancel = job_.stop.get_token();
+    context.progress = [this, from, to](std::string_view stage, double fraction) {
+      advance(stage, from + (to - from) * std::clamp(fraction, 0.0, 1.0));
+    };
+    return context;
+  }
+
+  void warn(const std::string& sentence) override {
+    const std::lock_guard lock(mutex_);
+    if (job_.record.warnings.size() == max_warnings) return;
+    job_.record.warnings.push_back(sentence);
+    job_.announce(JobEvent::Type::warning, sentence);
+    changed_.notify_all();
+  }
+
+ private:
+  void advance(std::string_view stage, double progress) {
+    const std::lock_guard lock(mutex_);
+    const bool new_stage = job_.record.stage != stage;
+    if (new_stage) job_.record.stage = stage;
+    job_.record.progress = std::max(job_.record.progress, std::min(progress, 1.0));
+    if (!new_stage && job_.record.progress < job_.announced_progress + progress_event_step) return;
+    job_.announce(JobEvent::Type::progress);
+    changed_.notify_all();
+  }
+
+  const unsigned threads_;
+  Job& job_;
+  std::mutex& mutex_;
+  std::condition_variable& changed_;
+};
+
+}  // namespace
+
+void JobPool::State::take_up_unfinished() {
+  const std::lock_guard lock(mutex);
+  for (JobRecord& record : catalog.unfinished_jobs()) {
+    if (record.state == JobState::cancelling) {
+      catalog.update_job(ended(record, JobState::cancelled));
+      continue;
+    }
+    if (record.state == JobState::running) ++record.crashes;
+    ++record.attempts;
+    if (record.crashes >= options.crash_limit) {
+      catalog.update_job(ended(record, JobState::failed,
+                               JobError{{},
+                                        "The server stopped " + std::to_string(record.crashes) +
+                                            " times during this work and will not try it again; ask for less."}));
+      continue;
+    }
+    record.state = JobState::queued;
+    record.stage.clear();
+    record.progress = 0;
+    record.started.reset();
+    record.warnings.clear();
+    catalog.update_job(record);
+    enqueue(std::make_shared<Job>(std::move(record)));
+  }
+}
+
+void JobPool::State::work_on() {
+  for (;;) {
+    JobPtr job;
+    {
+      std::unique_lock lock(mutex);
+      work.wait(lock, [&] { return stopping || !queue.empty(); });
+      if (stopping) return;
+      job = queue.front();
+      queue.pop_front();
+      JobRecord record = job->record;
+      record.started = now();
+      job->run_began = SteadyClock::now();
+      try {
+        // Somebody may have made the same thing between the requester's look and the queue.
+        if (catalog.find(record.result_id)) {
+          store_end(*job, ended(std::move(record), JobState::succeeded));
+          continue;
+        }
+        record.state = JobState::running;
+        catalog.update_job(record);
+      } catch (const Error& error) {
+        store_end(*job, ended(std::move(record), JobState::failed, JobError{error.code(), error.what()}));
+        continue;
+      }
+      job->record = std::move(record);
+      ++running;
+      announce(*job, JobEvent::Type::state);
+    }
+    run(job);
+  }
+}
+
+void JobPool::State::run(const JobPtr& job) {
+  const JobRecord record_at_start = [&] {
+    const std::lock_guard lock(mutex);
+    return job->record;
+  }();
+  std::optional<Resource> result;
+  std::optional<JobError> error;
+  try {
+    Running context(std::max(1U, options.threads_per_job), *job, mutex, changed);
+    result = runner(record_at_start, context);
+    SPHERULE_CHECK(result->id == record_at_start.result_id);
+  } catch (const Error& thrown) {
+    error = JobError{thrown.code(), thrown.what()};
+  } catch (const std::bad_alloc&) {
+    error = JobError{ErrorCode::too_large, "This work needs more memory than the server has; ask for less."};
+  } catch (const std::exception& thrown) {
+    error = fault();
+    if (log) log(record_at_start.id, thrown.what());
+  } catch (...) {
+    error = fault();
+    if (log) log(record_at_start.id, "an exception of unknown type");
+  }
+
+  std::vector<std::string> unneeded;
+  if (result) unneeded = result->blobs;
+  {
+    const std::lock_guard lock(mutex);
+    --running;
+    if (job->record.state == JobState::cancelling) {
+      store_end(*job, ended(job->record, JobState::cancelled));
+    } else if (result) {
+      try {
+        JobRecord record = ended(job->record, JobState::succeeded);
+        if (catalog.complete_job(record, *result)) unneeded.clear();
+        end(*job, std::move(record));
+      } catch (const Error& thrown) {
+        // After an I/O error the row may yet turn out to be there; then its blobs must be, too.
+        if (thrown.code() == ErrorCode::corrupt) unneeded.clear();
+        store_end(*job, ended(job->record, JobState::failed, JobError{thrown.code(), thrown.what()}));
+      }
+    } else if (stopping && job->stop.stop_requested()) {
+      JobRecord record = job->record;
+      record.state = JobState::queued;
+      try {
+        catalog.update_job(record);
+      } catch (const Error&) {
+        // The catalogue still says running: the next start runs it again all the same.
+      }
+      job->record = std::move(record);
+    } else {
+      store_end(*job, ended(job->record, JobState::failed, std::move(error)));
+    }
+    changed.notify_all();
+  }
+  take_back(unneeded);
+}
+
+JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log)
+    : state_(std::make_unique<State>(options, catalog, blobs, std::move(runner), std::move(log))) {
+  state_->take_up_unfinished();
+  for (unsigned i = 0; i < std::max(1U, options.jobs_at_once); ++i)
+    state_->workers.emplace_back([state = state_.get()] { state->work_on(); });
+}
+
+JobPool::~JobPool() { stop(std::chrono::milliseconds(0)); }
+
+JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request) {
+  State& s = *state_;
+  const std::lock_guard lock(s.mutex);
+  if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
+  if (const auto same = s.by_result.find(result_id); same != s.by_result.end()) {
+    Job& job = *same->second;
+    JobRecord record = job.record;
+    ++record.requesters;
+    s.catalog.update_job(record);
+    job.record = std::move(record);
+    return s.status(job);
+  }
+  if (s.queue.size() >= s.options.queue_length)
+    throw Error(ErrorCode::busy, "The server has as much work waiting as it accepts; try again in a while.");
+  JobRecord record;
+  record.id = random_id("job");
+  record.kind = kind;
+  record.result_id = result_id;
+  record.request = request;
+  record.created = now();
+  s.catalog.add_job(record);
+  const auto job = std::make_shared<Job>(std::move(record));
+  s.enqueue(job);
+  return s.status(*job);
+}
+
+JobStatus JobPool::status(const std::string& id) const {
+  const std::lock_guard lock(state_->mutex);
+  if (const auto job = state_->find(id)) return state_->status(*job);
+  std::optional<JobRecord> record = state_->catalog.find_job(id);
+  if (!record) throw not_found();
+  return status_of(std::move(*record));
+}
+
+Page<JobStatus> JobPool::list(const std::string& cursor, std::size_t limit) const {
+  const std::lock_guard lock(state_->mutex);
+  Page<JobRecord> records = state_->catalog.list_jobs(cursor, limit);
+  Page<JobStatus> page;
+  page.next = std::move(records.next);
+  for (JobRecord& record : records.items) {
+    const auto job = state_->find(record.id);
+    page.items.push_back(job ? state_->status(*job) : status_of(std::move(record)));
+  }
+  return page;
+}
+
+JobStatus JobPool::wait(const std::string& id, std::chrono::milliseconds timeout) const {
+  {
+    std::unique_lock lock(state_->mutex);
+    if (const auto job = state_->find(id)) {
+      state_->changed.wait_for(lock, timeout, [&] { return state_->stopping || is_over(job->record.state); });
+      return state_->status(*job);
+    }
+  }
+  return status(id);
+}
+
+JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const {
+  std::unique_lock lock(state_->mutex);
+  JobEvents news;
+  if (const auto job = state_->find(id)) {
+    state_->changed.wait_for(
+        lock, timeout, [&] { return state_->stopping || job->last_number > after || is_over(job->record.state); });
+    for (const JobEvent& event : job->events)
+      if (event.number > after) news.events.push_back(event);
+    news.over = is_over(job->record.state);
+    return news;
+  }
+  const std::optional<JobRecord> record = state_->catalog.find_job(id);
+  if (!record) throw not_found();
+  news.over = true;
+  if (end_event(*record) > after)
+    news.events.push_back(
+        {end_event(*record), JobEvent::Type::end, record->state, record->stage, record->progress, {}});
+  return news;
+}
+
+JobStatus JobPool::cancel(const std::string& id) {
+  State& s = *state_;
+  const Error over(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
+  std::unique_lock lock(s.mutex);
+  const auto job = s.find(id);
+  if (!job) {
+    if (!s.catalog.find_job(id)) throw not_found();
+    throw over;
+  }
+  if (is_over(job->record.state)) throw over;
+  if (job->record.state == JobState::cancelling) return s.status(*job);
+  JobRecord record = job->record;
+  --record.requesters;
+  if (record.requesters > 0) {
+    s.catalog.update_job(record);
+    job->record = std::move(record);
+  } else if (record.state == JobState::queued) {
+    record = State::ended(std::move(record), JobState::cancelled);
+    s.catalog.update_job(record);
+    std::erase(s.queue, job);
+    s.end(*job, std::move(record));
+  } else {
+    record.state = JobState::cancelling;
+    s.catalog.update_job(record);
+    job->record = std::move(record);
+    s.no_longer_joinable(*job);
+    s.announce(*job, JobEvent::Type::state);
+    const JobStatus status = s.status(*job);
+    lock.unlock();
+    job->stop.request_stop();  // runs the runner's stop callbacks, which may ask for the mutex
+    return status;
+  }
+  return s.status(*job);
+}
+
+void JobPool::stop(std::chrono::milliseconds grace) {
+  State& s = *state_;
+  std::vector<std::jthread> workers;
+  std::vector<std::shared_ptr<Job>> unfinished;
+  {
+    std::unique_lock lock(s.mutex);
+    s.stopping = true;
+    s.work.notify_all();
+    s.changed.notify_all();
+    s.changed.wait_for(lock, grace, [&] { return s.running == 0; });
+    for (const auto& [id, job] : s.jobs)
+      if (job->record.state == JobState::running) unfinished.push_back(job);
+    workers.swap(s.workers);
+  }
+  for (const auto& job : unfinished) job->stop.request_stop();
+  workers.clear();  // joins
+}
+
+JobPool::Load JobPool::load() const {
+  const std::lock_guard lock(state_->mutex);
+  return {state_->queue.size(), state_->running};
+}
+
+}  // namespace spherule::server

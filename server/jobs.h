@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Long work: queued, run on a bounded pool, watched, cancelled, and run again after a crash. Knows nothing of what the
+// work is: one runner, given at construction, turns a kind and a request text into a resource.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "core/base/context.h"
+#include "server/blob_store.h"
+#include "server/catalog.h"
+
+namespace spherule::server {
+
+struct JobPoolOptions {
+  unsigned jobs_at_once = 1;      ///< worker threads, each running one job
+  unsigned threads_per_job = 1;   ///< what a job's Context allows it
+  std::size_t queue_length = 64;  ///< jobs that wait; one more is refused with busy
+  unsigned crash_limit = 10;  ///< a job that ran while the process died this often fails instead of running once more
+};
+
+/// A job as it is now.
+struct JobStatus {
+  JobRecord record;
+  std::optional<std::size_t> queue_position;  ///< while queued: 0 is the next to start
+  double elapsed_s = 0;                       ///< of the last run, until now or its end
+  std::optional<double> remaining_s;          ///< while running, once there is enough progress to judge by
+};
+
+/// Something that happened to a job. Numbers ascend within a job, also over restarts, but may have gaps.
+struct JobEvent {
+  enum class Type { state, progress, warning, end };
+  std::uint64_t number = 0;
+  Type type = Type::state;
+  JobState state = JobState::queued;
+  std::string stage;
+  double progress = 0;
+  std::string warning;  ///< of Type::warning only
+};
+
+struct JobEvents {
+  std::vector<JobEvent> events;  ///< ascending
+  bool over = false;             ///< nothing will follow; the last event of every job has Type::end
+};
+
+/// What a runner may do to its job. Valid during the call only.
+class JobContext {
+ public:
+  /// For the next stages of the work: their own progress 0 to 1 becomes the job's `from` to `to`, and the names that
+  /// they report become the job's stage. Has the job's thread budget and stop token. Call its `progress` from the
+  /// runner's thread only.
+  [[nodiscard]] virtual Context context(double from, double to) = 0;
+
+  /// One sentence for the requester; no line breaks. At most 100 are kept.
+  virtual void warn(const std::string& sentence) = 0;
+
+ protected:
+  ~JobContext() = default;
+};
+
+/// Does the work of one job and returns the resource to add, its blobs committed and its id the record's result_id.
+/// Called from several threads at once. Throws Error (shown to the requester as it is) or anything else (shown as a
+/// fault of the server). After a stop request it should throw Error(cancelled) soon.
+using JobRunner = std::function<Resource(const JobRecord& job, JobContext& context)>;
+
+/// Called with the text of an exception that is not an Error, for the log; never shown to requesters. Thread safe.
+using FaultLog = std::function<void(const std::string& job_id, const std::string& what)>;
+
+/// Thread safe. `catalog` and `blobs` outlive the pool.
+///
+/// Durability: a job that submit() returned runs, or ends with a reason, whatever happens to the process; `succeeded`
+/// is seen only after the result is in the catalogue. Should the catalogue refuse to store an end (full disk), the job
+/// fails with that reason, and runs again after a restart.
+class JobPool {
+ public:
+  /// Takes up all unfinished jobs of the catalogue, oldest first (they may exceed the queue's length), then starts.
+  JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log = {});
+
+  /// As stop(0 s).
+  ~JobPool();
+
+  /// Queues work, or joins the unfinished job that makes the same result (one more requester). The caller has looked
+  /// for a finished result before. Returns the job's status; its record.requesters tells whether it was joined.
+  /// Throws busy when the queue is full or the pool stops.
+  JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request);
+
+  /// Throws not_found.
+  [[nodiscard]] JobStatus status(const std::string& id) const;
+
+  /// All jobs ever accepted, newest first; see Catalog::list.
+  [[nodiscard]] Page<JobStatus> list(const std::string& cursor, std::size_t limit) const;
+
+  /// Returns when the job is over, the time has passed or the pool stops, whichever comes first. Throws not_found.
+  JobStatus wait(const std::string& id, std::chrono::milliseconds timeout) const;
+
+  /// Events after number `after` (0: from the start), as soon as there are any; none when the time passes first or the
+  /// pool stops. A reader that comes late sees the kept ones: all states and warnings, the latest progress.
+  /// Throws not_found.
+  JobEvents events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const;
+
+  /// Takes one requester away. The last one stops the work: a queued job is cancelled at once, a running one is
+  /// cancelling until the runner returns. Durable: it will not run again. Throws not_found; conflict when it is over
+  /// or its result is just being stored.
+  JobStatus cancel(const std::string& id);
+
+  /// Accepts nothing more, starts nothing more, lets running jobs finish for up to `grace`, then stops them and waits.
+  /// Unfinished jobs stay queued in the catalogue for the next start. Wakes every wait() and events().
+  void stop(std::chrono::milliseconds grace);
+
+  struct Load {
+    std::size_t queued = 0, running = 0;
+  };
+  [[nodiscard]] Load load() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace spherule::server

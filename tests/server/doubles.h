@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Stand-ins for the blob store, and the folders that tests write to.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/base/error.h"
+#include "server/blob_store.h"
+
+namespace spherule::server::test {
+
+/// A new empty folder, removed with its contents by the destructor.
+class TemporaryFolder {
+ public:
+  TemporaryFolder();
+  ~TemporaryFolder();
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// Keeps blobs in anonymous memory; safe to use from several threads.
+class MemoryBlobStore final : public BlobStore {
+ public:
+  MemoryBlobStore();
+  ~MemoryBlobStore() override;
+  std::unique_ptr<Staging> stage(std::uint64_t limit, std::optional<std::uint64_t> declared = {}) override;
+  Blob open(const std::string& key) const override;
+  void remove(const std::string& key) override;
+  std::vector<std::string> keys() const override;
+  std::uint64_t free_bytes() const override;
+  std::filesystem::path scratch_root() const override { return scratch_.path(); }
+
+ private:
+  struct Blobs;
+  std::shared_ptr<Blobs> blobs_;
+  TemporaryFolder scratch_;
+};
+
+/// Another store, with failures on demand.
+class FaultyBlobStore final : public BlobStore {
+ public:
+  explicit FaultyBlobStore(BlobStore& inner) : inner_(inner) {}
+
+  /// The n-th append from now (1: the next) and all after it throw no_space; 0: never.
+  void fail_append(unsigned n) { appends_left_ = n; }
+  /// Commits throw no_space.
+  void fail_commit(bool fail) { fail_commit_ = fail; }
+  /// remove() throws, and removes nothing.
+  void fail_remove(bool fail) { fail_remove_ = fail; }
+
+  std::unique_ptr<Staging> stage(std::uint64_t limit, std::optional<std::uint64_t> declared = {}) override;
+  Blob open(const std::string& key) const override { return inner_.open(key); }
+  void remove(const std::string& key) override;
+  std::vector<std::string> keys() const override { return inner_.keys(); }
+  std::uint64_t free_bytes() const override { return inner_.free_bytes(); }
+  std::filesystem::path scratch_root() const override { return inner_.scratch_root(); }
+
+ private:
+  class FaultyStaging;
+  BlobStore& inner_;
+  unsigned appends_left_ = 0;
+  bool fail_commit_ = false;
+  bool fail_remove_ = false;
+};
+
+/// Code of the Error that `act` throws; nothing when it returns.
+std::optional<ErrorCode> error_of(const std::function<void()>& act);
+
+}  // namespace spherule::server::test
