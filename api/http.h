@@ -58,8 +58,9 @@ struct ContentPart {
 
 struct Response {
   int status = 200;
-  std::vector<std::pair<std::string, std::string>> headers;
-  std::variant<std::string, ContentPart, EventSource> body;  ///< for HEAD too: the listener leaves it out
+  std::vector<std::pair<std::string, std::string>> headers{};
+  std::variant<std::string, ContentPart, EventSource> body{};  ///< for HEAD too: the listener leaves it out
+  std::string_view route{};  ///< template of the path that was asked for, for logs; empty when nothing is there
 
   void set(std::string name, std::string value) { headers.emplace_back(std::move(name), std::move(value)); }
   /// The first header of this name (in any case), or an empty string.

@@ -56,7 +56,7 @@ Response get_job_events(const Call& call) {
   }
   const JobEvents first = call.service.job_events(call.id(), last, std::chrono::seconds(0));
   // Tells an EventSource not to connect again.
-  if (first.over && first.events.empty()) return {.status = 204, .headers = {}, .body = {}};
+  if (first.over && first.events.empty()) return {.status = 204};
   std::string opening = "retry: 2000\n\n";
   append(opening, last, first);
   Response response;

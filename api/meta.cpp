@@ -76,7 +76,7 @@ std::string docs_page() {
 
 Response text_response(const Call& call, std::string_view type, std::string text) {
   negotiate(call.request.header("Accept"), std::span(&type, 1));
-  Response response{.status = 200, .headers = {}, .body = std::move(text)};
+  Response response{.status = 200, .body = std::move(text)};
   response.set("Content-Type", std::string(type) + "; charset=utf-8");
   return response;
 }
@@ -96,7 +96,7 @@ Response get_version(const Call& call) { return json_response(call, about_docume
 Response get_contract(const Call& call) {
   // Served to whatever asks: there is no registered type that all YAML tools send.
   const Query query(call.request, {});
-  Response response{.status = 200, .headers = {}, .body = std::string(contract())};
+  Response response{.status = 200, .body = std::string(contract())};
   response.set("Content-Type", "application/yaml; charset=utf-8");
   return response;
 }

@@ -33,7 +33,7 @@ Wait agreed_wait(const Call& call, bool waits_unasked) {
 }
 
 Response accepted(const JobInfo& job) {
-  Response response{.status = 202, .headers = {}, .body = job_document(job)};
+  Response response{.status = 202, .body = job_document(job)};
   response.set("Content-Type", "application/json");
   response.set("Location", "/v1/jobs/" + job.id);
   response.set("Retry-After", "1");
@@ -136,7 +136,7 @@ Response get_model(const Call& call) {
 Response delete_model(const Call& call) {
   const Query query(call.request, {});
   call.service.delete_model(call.id());
-  return {.status = 204, .headers = {}, .body = {}};
+  return {.status = 204};
 }
 
 Response get_spheres(const Call& call) {
@@ -163,7 +163,7 @@ Response get_spheres(const Call& call) {
   const auto first = static_cast<std::uint64_t>(offset.value_or(0));
   const auto count = static_cast<std::size_t>(limit.value_or(1000));
   const SpherePage page = call.service.spheres(call.id(), first, count);
-  Response response{.status = 200, .headers = {}, .body = sphere_page_document(call.id(), page, first)};
+  Response response{.status = 200, .body = sphere_page_document(call.id(), page, first)};
   response.set("Content-Type", "application/json");
   response.set("Vary", "Accept");
   if (first + page.spheres.size() < page.total) {

@@ -68,7 +68,7 @@ Json document(const Kind& kind, const std::string& detail, const std::string& in
 std::string text(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"; }
 
 Response response(int status, std::string body) {
-  Response r{.status = status, .headers = {}, .body = std::move(body)};
+  Response r{.status = status, .body = std::move(body)};
   r.set("Content-Type", "application/problem+json");
   if (status == 503) r.set("Retry-After", "5");
   return r;

@@ -74,13 +74,14 @@ std::optional<std::vector<std::string>> match(std::string_view pattern, std::str
   return parameters;
 }
 
-Response dispatch(Service& service, const Request& request) {
+Response dispatch(Service& service, const Request& request, std::string_view& asked) {
   const std::string_view method = request.method == "HEAD" ? std::string_view("GET") : request.method;
   std::string allowed;
   if (request.path.starts_with('/')) {
     for (const Route& route : kRoutes) {
       auto parameters = match(route.operation.path, request.path);
       if (!parameters) continue;
+      asked = route.operation.path;
       if (route.operation.method == method) return route.handler({service, request, std::move(*parameters)});
       allowed += (allowed.empty() ? "" : ", ") + std::string(route.operation.method);
       if (route.operation.method == "GET") allowed += ", HEAD";
@@ -89,7 +90,7 @@ Response dispatch(Service& service, const Request& request) {
   if (allowed.empty()) throw HttpError(404, "There is nothing at this path; /openapi.yaml lists what there is.");
   allowed += ", OPTIONS";
   if (request.method == "OPTIONS") {
-    Response response{.status = 204, .headers = {}, .body = {}};
+    Response response{.status = 204};
     response.set("Allow", allowed);
     return response;
   }
@@ -122,9 +123,9 @@ void validate_cache(const Request& request, Response& response) {
   });
 }
 
-Response answer(Service& service, const Request& request) {
+Response answer(Service& service, const Request& request, std::string_view& asked) {
   try {
-    Response response = dispatch(service, request);
+    Response response = dispatch(service, request, asked);
     validate_cache(request, response);
     return response;
   } catch (const Error& error) {
@@ -144,7 +145,9 @@ Response answer(Service& service, const Request& request) {
 std::span<const Operation> operations() { return kOperations; }
 
 Response handle(Service& service, const Request& request) {
-  Response response = answer(service, request);
+  std::string_view asked;
+  Response response = answer(service, request, asked);
+  response.route = asked;
   if (!request.id.empty()) response.set("X-Request-Id", request.id);
   response.set("X-Content-Type-Options", "nosniff");
   return response;
@@ -153,7 +156,7 @@ Response handle(Service& service, const Request& request) {
 Response json_response(const Call& call, std::string document, int status) {
   constexpr std::array<std::string_view, 1> types = {"application/json"};
   negotiate(call.request.header("Accept"), types);
-  Response response{.status = status, .headers = {}, .body = std::move(document)};
+  Response response{.status = status, .body = std::move(document)};
   response.set("Content-Type", "application/json");
   return response;
 }

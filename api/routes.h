@@ -24,4 +24,7 @@ std::span<const Operation> operations();
 /// The text of openapi.yaml.
 std::string_view contract();
 
+/// Version of the build that this is part of.
+std::string_view program_version();
+
 }  // namespace spherule::api

@@ -50,7 +50,7 @@ Response get_volume(const Call& call) {
 Response delete_volume(const Call& call) {
   const Query query(call.request, {});
   call.service.delete_volume(call.id());
-  return {.status = 204, .headers = {}, .body = {}};
+  return {.status = 204};
 }
 
 Response get_volume_content(const Call& call) {
