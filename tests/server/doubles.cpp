@@ -12,7 +12,7 @@
 
 namespace spherule::server::test {
 
-TemporaryFolder::TemporaryFolder() : path_(std::filesystem::temp_directory_path() / random_id("spherule-test")) {
+TemporaryFolder::TemporaryFolder(const std::filesystem::path& parent) : path_(parent / random_id("spherule-test")) {
   std::filesystem::create_directories(path_);
 }
 

@@ -1,0 +1,388 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/catalog.h"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <sqlite3.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <limits>
+
+#include "tests/server/doubles.h"
+
+namespace spherule::server {
+namespace {
+
+namespace fs = std::filesystem;
+using test::error_of;
+
+Resource resource(const std::string& id, const std::string& collection = "models",
+                  const std::vector<std::string>& inputs = {}, const std::vector<std::string>& blobs = {}) {
+  Resource r;
+  r.id = id;
+  r.collection = collection;
+  r.request = "request of " + id;
+  r.document = std::string("document\0of ", 12) + id;
+  r.inputs = inputs;
+  r.blobs = blobs;
+  r.bytes = 17;
+  return r;
+}
+
+JobRecord job(const std::string& id) {
+  JobRecord j;
+  j.id = id;
+  j.kind = "model";
+  j.result_id = "result of " + id;
+  j.request = "request of " + id;
+  j.created = now();
+  return j;
+}
+
+std::vector<std::string> ids(const auto& items) {
+  std::vector<std::string> all;
+  for (const auto& item : items) all.push_back(item.id);
+  return all;
+}
+
+TEST(Catalog, KeepsResourcesOverAReopening) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "new" / "catalog.sqlite";
+  const Time before = now();
+  {
+    Catalog catalog(file);
+    EXPECT_TRUE(catalog.add(resource("vol_1", "volumes", {}, {"k1", "k0"})));
+    EXPECT_TRUE(catalog.add(resource("mdl_1", "models", {"vol_1"}, {"k2"})));
+    EXPECT_FALSE(catalog.add(resource("mdl_1", "models", {}, {"other"})));
+  }
+  const Catalog catalog(file);
+  const auto volume = catalog.find("vol_1");
+  const auto model = catalog.find("mdl_1");
+  ASSERT_TRUE(volume && model);
+  EXPECT_EQ(volume->collection, "volumes");
+  EXPECT_EQ(volume->document, std::string("document\0of vol_1", 17));
+  EXPECT_EQ(volume->request, "request of vol_1");
+  EXPECT_EQ(volume->blobs, (std::vector<std::string>{"k1", "k0"}));
+  EXPECT_EQ(volume->bytes, 17U);
+  EXPECT_GE(volume->created, before);
+  EXPECT_LE(volume->created, now());
+  EXPECT_EQ(model->inputs, std::vector<std::string>{"vol_1"});
+  EXPECT_EQ(model->blobs, std::vector<std::string>{"k2"});
+  EXPECT_TRUE(catalog.owns_blob("k2"));
+  EXPECT_FALSE(catalog.owns_blob("other"));
+  EXPECT_FALSE(catalog.find("mdl_2"));
+}
+
+TEST(Catalog, TextIsNeverRead) {
+  Catalog catalog(":memory:");
+  const std::string hostile = "'); DROP TABLE resources; -- \" \xff\xfe % _ \n";
+  EXPECT_TRUE(catalog.add(resource(hostile, hostile, {}, {hostile})));
+  EXPECT_EQ(catalog.find(hostile)->blobs, std::vector{hostile});
+  EXPECT_EQ(catalog.list(hostile, "", 5).items.size(), 1U);
+  EXPECT_EQ(catalog.list("models", "", 5).items.size(), 0U);
+}
+
+TEST(Catalog, RefusesResourcesWhoseInputsAreGone) {
+  Catalog catalog(":memory:");
+  EXPECT_EQ(error_of([&] { catalog.add(resource("mdl_1", "models", {"vol_1"})); }), ErrorCode::conflict);
+  EXPECT_FALSE(catalog.find("mdl_1"));
+}
+
+TEST(Catalog, ErasingTakesEverythingDerivedAlong) {
+  Catalog catalog(":memory:");
+  catalog.add(resource("vol_1", "volumes", {}, {"v1"}));
+  catalog.add(resource("vol_2", "volumes", {}, {"v2"}));
+  catalog.add(resource("mdl_1", "models", {"vol_1"}, {"m1"}));
+  catalog.add(resource("mdl_2", "models", {"vol_2"}, {"m2"}));
+  catalog.add(resource("simple", "models", {"mdl_1"}, {"s1"}));
+  catalog.add(resource("registration", "registrations", {"simple", "mdl_2", "mdl_1"}, {"r1"}));
+  std::vector<std::string> keys = catalog.erase("vol_1");
+  std::sort(keys.begin(), keys.end());
+  EXPECT_EQ(keys, (std::vector<std::string>{"m1", "r1", "s1", "v1"}));
+  for (const char* gone : {"vol_1", "mdl_1", "simple", "registration"}) EXPECT_FALSE(catalog.find(gone)) << gone;
+  for (const char* kept : {"vol_2", "mdl_2"}) EXPECT_TRUE(catalog.find(kept)) << kept;
+  EXPECT_FALSE(catalog.owns_blob("r1"));
+  EXPECT_EQ(error_of([&] { (void)catalog.erase("vol_1"); }), ErrorCode::not_found);
+  EXPECT_TRUE(catalog.add(resource("vol_1", "volumes", {}, {"v1"})));
+}
+
+TEST(Catalog, PagesAreStableWhileRowsComeAndGo) {
+  Catalog catalog(":memory:");
+  for (int i = 0; i < 10; ++i) catalog.add(resource("m" + std::to_string(i)));
+  catalog.add(resource("v", "volumes"));
+  const auto first = catalog.list("models", "", 4);
+  EXPECT_EQ(ids(first.items), (std::vector<std::string>{"m9", "m8", "m7", "m6"}));
+  catalog.add(resource("newer"));
+  (void)catalog.erase("m6");
+  (void)catalog.erase("m4");
+  const auto second = catalog.list("models", first.next, 4);
+  EXPECT_EQ(ids(second.items), (std::vector<std::string>{"m5", "m3", "m2", "m1"}));
+  const auto third = catalog.list("models", second.next, 4);
+  EXPECT_EQ(ids(third.items), std::vector<std::string>{"m0"});
+  EXPECT_EQ(third.next, "");
+  EXPECT_EQ(catalog.list("models", second.next, 1).next, "");
+  EXPECT_EQ(catalog.list("models", "", 9).next, "");
+  EXPECT_EQ(catalog.list("models", "", 0).items.size(), 1U);
+  EXPECT_EQ(catalog.list("models", "", std::numeric_limits<std::size_t>::max()).items.size(), 9U);
+}
+
+TEST(Catalog, RefusesForeignCursors) {
+  const Catalog catalog(":memory:");
+  for (const char* cursor : {"x", "0", "-3", "1x", " 1", "99999999999999999999", "1;"}) {
+    EXPECT_EQ(error_of([&] { (void)catalog.list("models", cursor, 5); }), ErrorCode::invalid_argument) << cursor;
+    EXPECT_EQ(error_of([&] { (void)catalog.list_jobs(cursor, 5); }), ErrorCode::invalid_argument) << cursor;
+  }
+}
+
+TEST(Catalog, KeepsAllOfAJob) {
+  const test::TemporaryFolder folder;
+  JobRecord full = job("job_1");
+  {
+    Catalog catalog(folder.path() / "c");
+    catalog.add_job(full);
+    const auto queued = catalog.find_job("job_1");
+    ASSERT_TRUE(queued);
+    EXPECT_FALSE(queued->started || queued->finished || queued->error);
+    EXPECT_EQ(queued->created, full.created);
+    full.state = JobState::failed;
+    full.stage = "delaunay";
+    full.progress = 0.625;
+    full.requesters = 3;
+    full.attempts = 4;
+    full.crashes = 2;
+    full.started = now();
+    full.finished = now();
+    full.warnings = {"First.", "Second."};
+    full.error = JobError{ErrorCode::unusable, "There is no object at this threshold."};
+    catalog.update_job(full);
+  }
+  Catalog catalog(folder.path() / "c");
+  const auto found = catalog.find_job("job_1");
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->kind, full.kind);
+  EXPECT_EQ(found->result_id, full.result_id);
+  EXPECT_EQ(found->request, full.request);
+  EXPECT_EQ(found->state, full.state);
+  EXPECT_EQ(found->stage, full.stage);
+  EXPECT_EQ(found->progress, full.progress);
+  EXPECT_EQ(found->requesters, 3U);
+  EXPECT_EQ(found->attempts, 4U);
+  EXPECT_EQ(found->crashes, 2U);
+  EXPECT_EQ(found->created, full.created);
+  EXPECT_EQ(found->started, full.started);
+  EXPECT_EQ(found->finished, full.finished);
+  EXPECT_EQ(found->warnings, full.warnings);
+  ASSERT_TRUE(found->error);
+  EXPECT_EQ(found->error->code, ErrorCode::unusable);
+  EXPECT_EQ(found->error->sentence, full.error->sentence);
+  full.error = JobError{{}, "Our fault."};
+  full.warnings.clear();
+  catalog.update_job(full);
+  EXPECT_FALSE(catalog.find_job("job_1")->error->code);
+  EXPECT_TRUE(catalog.find_job("job_1")->warnings.empty());
+}
+
+TEST(Catalog, ListsUnfinishedJobsOldestFirst) {
+  Catalog catalog(":memory:");
+  for (const char* id : {"a", "b", "c"}) catalog.add_job(job(id));
+  JobRecord over = job("b");
+  over.state = JobState::cancelled;
+  over.finished = now();
+  catalog.update_job(over);
+  EXPECT_EQ(ids(catalog.unfinished_jobs()), (std::vector<std::string>{"a", "c"}));
+  const auto page = catalog.list_jobs("", 2);
+  EXPECT_EQ(ids(page.items), (std::vector<std::string>{"c", "b"}));
+  EXPECT_EQ(ids(catalog.list_jobs(page.next, 2).items), std::vector<std::string>{"a"});
+}
+
+TEST(Catalog, AResultAndItsJobAreOneTransaction) {
+  Catalog catalog(":memory:");
+  catalog.add(resource("vol_1", "volumes"));
+  catalog.add_job(job("j"));
+  JobRecord done = job("j");
+  done.state = JobState::succeeded;
+  done.finished = now();
+  EXPECT_EQ(error_of([&] {
+              catalog.complete_job(done, resource("mdl_1", "models", {"vol_1", "gone"}, {"k"}));
+            }),
+            ErrorCode::conflict);
+  EXPECT_EQ(catalog.find_job("j")->state, JobState::queued);
+  EXPECT_FALSE(catalog.find("mdl_1"));
+  EXPECT_FALSE(catalog.owns_blob("k"));
+  EXPECT_TRUE(catalog.complete_job(done, resource("mdl_1", "models", {"vol_1"}, {"k"})));
+  EXPECT_EQ(catalog.find_job("j")->state, JobState::succeeded);
+  EXPECT_TRUE(catalog.owns_blob("k"));
+  EXPECT_FALSE(catalog.complete_job(done, resource("mdl_1", "models", {"vol_1"}, {"k2"})));
+  EXPECT_FALSE(catalog.owns_blob("k2"));
+}
+
+TEST(Catalog, BelongsToOneServerAtATime) {
+  const test::TemporaryFolder folder;
+  {
+    Catalog catalog(folder.path() / "c");
+    catalog.add(resource("a"));
+    EXPECT_EQ(error_of([&] { Catalog second(folder.path() / "c"); }), ErrorCode::busy);
+    EXPECT_TRUE(catalog.add(resource("b")));
+  }
+  EXPECT_TRUE(Catalog(folder.path() / "c").find("b"));
+}
+
+void run_sql(const fs::path& file, const char* sql) {
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(file.c_str(), &database), SQLITE_OK);
+  EXPECT_EQ(sqlite3_exec(database, sql, nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(database);
+  sqlite3_close(database);
+}
+
+TEST(Catalog, SaysWhenAFileIsNoCatalogue) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "text") << std::string(10'000, 'x');
+  EXPECT_EQ(error_of([&] { Catalog c(folder.path() / "text"); }), ErrorCode::corrupt);
+  run_sql(folder.path() / "foreign", "CREATE TABLE shopping (item)");
+  EXPECT_EQ(error_of([&] { Catalog c(folder.path() / "foreign"); }), ErrorCode::corrupt);
+  fs::create_directory(folder.path() / "folder");
+  EXPECT_EQ(error_of([&] { Catalog c(folder.path() / "folder"); }), ErrorCode::corrupt);
+}
+
+TEST(Catalog, SaysWhenANewerVersionWroteIt) {
+  const test::TemporaryFolder folder;
+  { Catalog catalog(folder.path() / "c"); }
+  run_sql(folder.path() / "c", "PRAGMA user_version = 1000");
+  EXPECT_EQ(error_of([&] { Catalog c(folder.path() / "c"); }), ErrorCode::conflict);
+}
+
+// Whatever byte is hit, opening and reading either work or say corrupt; nothing else is thrown, nothing crashes.
+TEST(Catalog, DamageIsFoundOrHarmless) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "c";
+  {
+    Catalog catalog(file);
+    for (int i = 0; i < 200; ++i) catalog.add(resource("m" + std::to_string(i), "models", {}, {std::to_string(i)}));
+    for (int i = 0; i < 50; ++i) catalog.add_job(job("j" + std::to_string(i)));
+  }
+  const auto size = static_cast<std::streamoff>(fs::file_size(file));
+  int found = 0;
+  constexpr int trials = 60;
+  for (int trial = 0; trial < trials; ++trial) {
+    const fs::path damaged = folder.path() / "damaged";
+    fs::copy_file(file, damaged, fs::copy_options::overwrite_existing);
+    {
+      std::fstream stream(damaged, std::ios::in | std::ios::out | std::ios::binary);
+      stream.seekp(size * trial / trials);
+      stream << std::string(40, '\xa5');
+    }
+    try {
+      Catalog catalog(damaged);
+      (void)catalog.list("models", "", 1000);
+      (void)catalog.list_jobs("", 1000);
+      (void)catalog.unfinished_jobs();
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::corrupt) << error.what() << " at trial " << trial;
+      ++found;
+    }
+  }
+  EXPECT_GT(found, 0);
+  fs::resize_file(file, static_cast<std::uintmax_t>(size / 2));
+  EXPECT_EQ(error_of([&] { Catalog c(file); }), ErrorCode::corrupt);
+}
+
+TEST(Publishing, LeavesNoBlobThatNothingOwns) {
+  Catalog catalog(":memory:");
+  test::MemoryBlobStore blobs;
+  const auto upload = [&](const std::string& id, const std::vector<std::string>& inputs) {
+    return publish(catalog, blobs, resource(id, "volumes", inputs, {blobs.put("volumes/a", id), blobs.put("b", id)}));
+  };
+  EXPECT_TRUE(upload("vol_1", {}));
+  EXPECT_FALSE(upload("vol_1", {}));
+  EXPECT_EQ(blobs.keys().size(), 2U);
+  EXPECT_EQ(error_of([&] { upload("vol_2", {"gone"}); }), ErrorCode::conflict);
+  EXPECT_EQ(blobs.keys().size(), 2U);
+  EXPECT_EQ(blobs.read(catalog.find("vol_1")->blobs[0]), "vol_1");
+  withdraw(catalog, blobs, "vol_1");
+  EXPECT_TRUE(blobs.keys().empty());
+  EXPECT_EQ(error_of([&] { withdraw(catalog, blobs, "vol_1"); }), ErrorCode::not_found);
+}
+
+TEST(Publishing, OrphansGoAtTheNextStart) {
+  Catalog catalog(":memory:");
+  test::MemoryBlobStore inner;
+  test::FaultyBlobStore blobs(inner);
+  publish(catalog, blobs, resource("vol_1", "volumes", {}, {blobs.put("a", "1")}));
+  publish(catalog, blobs, resource("vol_2", "volumes", {}, {blobs.put("a", "2")}));
+  (void)blobs.put("a", "as after a crash before publish");
+  blobs.fail_remove(true);
+  withdraw(catalog, blobs, "vol_2");
+  EXPECT_FALSE(catalog.find("vol_2"));
+  EXPECT_EQ(blobs.keys().size(), 3U);
+  blobs.fail_remove(false);
+  remove_orphans(catalog, blobs);
+  EXPECT_EQ(blobs.keys(), catalog.find("vol_1")->blobs);
+}
+
+/// In a child process: fills a real file system of 2 MiB, and returns what went wrong ("" if nothing did).
+std::string use_a_full_disk(const fs::path& mount_point) {
+  Catalog catalog(mount_point / "catalog.sqlite");
+  FileBlobStore blobs(mount_point / "blobs");
+  const auto stage = [&](std::size_t size) {
+    const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
+    staging->append(std::string(size, 'x'));
+    return staging->commit("filler");
+  };
+  if (error_of([&] { (void)blobs.stage(1 << 20, 1000); }) != ErrorCode::no_space) return "a declared size was accepted";
+  std::vector<std::string> fillers;
+  for (const std::size_t size : {100'000, 4'096}) {
+    while (!error_of([&] { fillers.push_back(stage(size)); })) {
+    }
+  }
+  if (fillers.empty()) return "nothing fitted";
+  int added = 0;
+  std::optional<ErrorCode> refusal;
+  while (!refusal && added < 100'000) {
+    refusal = error_of([&] { catalog.add(resource("m" + std::to_string(added))); });
+    added += !refusal;
+  }
+  if (refusal != ErrorCode::no_space) return "the full catalogue did not say no_space";
+  for (int i = 0; i < added; ++i)
+    if (!catalog.find("m" + std::to_string(i))) return "an acknowledged row is gone";
+  if (catalog.find("m" + std::to_string(added))) return "a refused row is there";
+  for (const std::string& key : fillers) blobs.remove(key);
+  if (error_of([&] { catalog.add(resource("after")); })) return "it did not recover when space was free again";
+  if (catalog.list("models", "", 1'000'000).items.size() != static_cast<std::size_t>(added) + 1) return "wrong count";
+  return "";
+}
+
+TEST(FullDisk, IsSaidAndLosesNothing) {
+  const test::TemporaryFolder folder;
+  constexpr int not_possible_here = 77;
+  const auto child = [&] {
+    if (unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) std::_Exit(not_possible_here);
+    if (mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
+      std::_Exit(not_possible_here);
+    std::string wrong;
+    try {
+      wrong = use_a_full_disk(folder.path());
+    } catch (const std::exception& error) {
+      wrong = error.what();
+    }
+    std::cerr << wrong << std::flush;
+    std::_Exit(wrong.empty() ? 0 : 1);
+  };
+  const pid_t pid = fork();
+  ASSERT_GE(pid, 0);
+  if (pid == 0) child();
+  int status = 0;
+  ASSERT_EQ(waitpid(pid, &status, 0), pid);
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) == not_possible_here) GTEST_SKIP() << "this process may not mount a small file system";
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+}
+
+}  // namespace
+}  // namespace spherule::server
