@@ -115,7 +115,6 @@ Json model_json(const ModelInfo& model) {
     json["source"] = {{"volume", model.source->volume}};
     json["parameters"] = rule_json(model.source->rule);
     counts["boundary_points"] = model.boundary_points;
-    counts["crossings"] = model.crossings;
     counts["tetrahedra"] = model.tetrahedra;
     counts["inside_tetrahedra"] = model.inside_tetrahedra;
     links["volume"] = "/v1/volumes/" + model.source->volume;

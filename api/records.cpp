@@ -170,7 +170,6 @@ std::string record_of(const ModelInfo& m) {
             {"algorithm_version", m.algorithm_version},
             {"imported_format", m.imported_format},
             {"boundary_points", m.boundary_points},
-            {"crossings", m.crossings},
             {"tetrahedra", m.tetrahedra},
             {"inside_tetrahedra", m.inside_tetrahedra},
             {"spheres", m.spheres},
@@ -191,7 +190,6 @@ ModelInfo model_from(std::string_view record) {
     m.algorithm_version = json.at("algorithm_version");
     m.imported_format = json.at("imported_format");
     m.boundary_points = json.at("boundary_points");
-    m.crossings = json.at("crossings");
     m.tetrahedra = json.at("tetrahedra");
     m.inside_tetrahedra = json.at("inside_tetrahedra");
     m.spheres = json.at("spheres");

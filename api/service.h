@@ -112,7 +112,7 @@ struct ModelInfo {
   std::string algorithm_version;
   std::optional<ModelRequest> source;  ///< absent: imported
   std::string imported_format;         ///< "csv" or "npy" when imported
-  std::uint64_t boundary_points = 0, crossings = 0;
+  std::uint64_t boundary_points = 0;
   std::uint64_t tetrahedra = 0, inside_tetrahedra = 0;  ///< all finite cells of the tetrahedralization; those inside
   std::uint64_t spheres = 0;
   double boundary_point_density_mm = 0;

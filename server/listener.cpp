@@ -518,11 +518,12 @@ Listener::Listener(ListenerOptions options, Handler handler, AccessLog log) : st
     refuse(request, response, status);
     return httplib::Server::HandlerResponse::Handled;
   });
-  s.http.set_error_handler([refuse](const httplib::Request& request, httplib::Response& response) {
-    if (response.has_header(kOurs)) return httplib::Server::HandlerResponse::Unhandled;
-    refuse(request, response, response.status);
-    return httplib::Server::HandlerResponse::Handled;
-  });
+  s.http.set_error_handler(
+      httplib::Server::HandlerWithResponse([refuse](const httplib::Request& request, httplib::Response& response) {
+        if (response.has_header(kOurs)) return httplib::Server::HandlerResponse::Unhandled;
+        refuse(request, response, response.status);
+        return httplib::Server::HandlerResponse::Handled;
+      }));
   s.http.set_exception_handler([refuse](const httplib::Request& request, httplib::Response& response,
                                         std::exception_ptr) { refuse(request, response, 500); });
   s.http.set_expect_100_continue_handler([&s](const httplib::Request& request, httplib::Response& response) {

@@ -26,7 +26,7 @@ class Writer {
 
   template <typename T>
   void put(const T& value) {
-    put_all(std::span(&value, 1));
+    put_all(std::span<const T>(&value, 1));
   }
   template <typename T>
   void put_all(std::span<const T> values) {
@@ -54,7 +54,7 @@ class Reader {
   template <typename T>
   T get() {
     T value{};
-    get_all(std::span(&value, 1));
+    get_all(std::span<T>(&value, 1));
     return value;
   }
   template <typename T>
@@ -69,7 +69,7 @@ class Reader {
   std::vector<T> get_vector(std::uint64_t count) {
     require(count <= left() / sizeof(T));
     std::vector<T> values(count);
-    get_all(std::span(values));
+    get_all(std::span<T>(values));
     return values;
   }
   std::uint64_t left() const { return blob_.size() - std::min(blob_.size(), at_); }
@@ -95,7 +95,6 @@ Solid read_solid(Reader& in) {
     lattice.planes[a] = in.get_vector<std::int32_t>(static_cast<std::uint64_t>(grid.dims[a]) + 2);
     require(std::ranges::is_sorted(lattice.planes[a]));
   }
-  solid.boundary.crossings = in.get<std::uint64_t>();
   solid.boundary.touches_border = in.get<std::uint64_t>() != 0;
   const auto points = in.get<std::uint64_t>(), cells = in.get<std::uint64_t>();
   solid.inside_count = in.get<std::uint64_t>();
@@ -117,12 +116,12 @@ Solid read_solid(Reader& in) {
 
 void write_model(const SphereModel& model, const std::function<void(std::string_view)>& append) {
   Writer out(append);
-  out.put_all(std::span(kMagic));
+  out.put_all(std::span<const char>(kMagic));
   out.put(kVersion);
   out.put(model.solid ? kRaw : kPlain);
   if (!model.solid) {
     out.put<std::uint64_t>(model.spheres.size());
-    out.put_all(std::span(model.spheres));
+    out.put_all(std::span<const Sphere>(model.spheres));
     return;
   }
   const BoundaryPoints& boundary = model.solid->boundary;
@@ -132,20 +131,19 @@ void write_model(const SphereModel& model, const std::function<void(std::string_
   out.put(grid.origin);
   out.put(grid.direction);
   out.put(boundary.lattice.unit_mm);
-  for (const auto& planes : boundary.lattice.planes) out.put_all(std::span(planes));
-  out.put<std::uint64_t>(boundary.crossings);
+  for (const auto& planes : boundary.lattice.planes) out.put_all(std::span<const std::int32_t>(planes));
   out.put<std::uint64_t>(boundary.touches_border ? 1 : 0);
   out.put<std::uint64_t>(boundary.points.size());
   out.put<std::uint64_t>(model.solid->cells.size());
   out.put<std::uint64_t>(model.solid->inside_count);
-  out.put_all(std::span(boundary.points));
-  out.put_all(std::span(model.solid->cells));
+  out.put_all(std::span<const LatticePoint>(boundary.points));
+  out.put_all(std::span<const Tetrahedron>(model.solid->cells));
 }
 
 SphereModel read_model(const Blob& blob, const Context& context) {
   Reader in(blob);
   std::array<char, kMagic.size()> magic{};
-  in.get_all(std::span(magic));
+  in.get_all(std::span<char>(magic));
   require(std::string_view(magic.data(), magic.size()) == kMagic && in.get<std::uint32_t>() == kVersion);
   const auto kind = in.get<std::uint32_t>();
   SphereModel model;

@@ -13,7 +13,6 @@
 //   f64 x 9   direction, row-major
 //   f64       length of a lattice unit, mm
 //   i32 x ?   planes of the x, then y, then z axis: dims + 2 numbers each (Lattice::planes)
-//   u64       crossings
 //   u64       1 when the object touches the border, else 0
 //   u64       number of points P
 //   u64       number of cells C

@@ -59,8 +59,8 @@ JobInfo job_info(const JobStatus& status) {
   job.id = record.id;
   job.kind = record.kind;
   job.state = api_state(record.state);
-  job.stage = status.stage;
-  job.progress = status.progress;
+  job.stage = record.stage;
+  job.progress = record.progress;
   job.queue_position = status.queue_position;
   job.created = record.created;
   if (record.started) job.started = *record.started;
@@ -269,7 +269,9 @@ struct Pipeline::State {
   Resource keep(ModelInfo& info, SphereModel&& model, Stopwatch& watch) {
     const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
     write_model(model, [&](std::string_view piece) { staging->append(piece); });
-    Resource resource{.id = info.id, .collection = kModels};
+    Resource resource;
+    resource.id = info.id;
+    resource.collection = kModels;
     resource.bytes = staging->size();
     resource.blobs = {staging->commit("models/" + info.id)};
     watch.lap("store");
@@ -308,7 +310,6 @@ struct Pipeline::State {
     for (const std::string& warning : info.warnings) job.warn(warning);
     const Solid& solid = *built.model.solid;
     info.boundary_points = solid.boundary.points.size();
-    info.crossings = solid.boundary.crossings;
     info.tetrahedra = solid.cells.size();
     info.inside_tetrahedra = solid.inside_count;
     info.spheres = built.model.spheres.size();
@@ -370,7 +371,9 @@ struct Pipeline::State {
     }
     context.throw_if_cancelled();
     job.context(0.95, 1).report("store", 0);
-    Resource answer{.id = record.result_id, .collection = kAnswers};
+    Resource answer;
+    answer.id = record.result_id;
+    answer.collection = kAnswers;
     answer.request = record.request;
     answer.inputs = {request.model};
     answer.bytes = bytes.size();
@@ -465,7 +468,9 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
     info.warnings = volume.warnings;
     info.range = value_range(volume, context);
   }
-  Resource resource{.id = info.id, .collection = kVolumes};
+  Resource resource;
+  resource.id = info.id;
+  resource.collection = kVolumes;
   info.created = now();
   resource.document = api::record_of(info);
   resource.bytes = info.bytes();
