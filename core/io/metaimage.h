@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// MetaImage (.mha, .mhd with raw or zraw data; https://itk.org/Wiki/MetaIO), in either byte order.
+// Private to core/io; see read.h for what is thrown.
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+#include <vector>
+
+#include "core/io/read.h"
+
+namespace spherule {
+
+/// Whether bytes start like a MetaImage header: lines of `Key = value`, ObjectType or NDims among the first.
+bool is_metaimage(std::string_view head);
+
+/// `header` is one of `files`; data files that it names must be others of them.
+/// Geometry: Offset, TransformMatrix and ElementSpacing, which are LPS; DistanceUnits um and cm become mm.
+/// NDims = 4 are volumes one after another (`frame` chooses).
+Volume read_metaimage(const std::filesystem::path& header, const std::vector<std::filesystem::path>& files,
+                      const ReadOptions& options, const Context& context);
+
+}  // namespace spherule

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/io/openvdb.h"
+
+#include <openvdb/io/Compression.h>
+#include <openvdb/io/io.h>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/Dense.h>
+
+#include <cstring>
+#include <fstream>
+
+#include "core/io/read_bytes.h"
+
+namespace spherule {
+
+namespace {
+
+constexpr std::uint32_t kOldest = openvdb::OPENVDB_FILE_VERSION_NODE_MASK_COMPRESSION;
+constexpr std::uint32_t kNewest = openvdb::OPENVDB_FILE_VERSION;
+constexpr std::size_t kMaxEntries = 4096;  // grids in a file, metadata of a grid
+constexpr std::string_view kHalfSuffix = "_HalfFloat";
+
+[[noreturn]] void fail_damaged() {
+  throw Error(ErrorCode::malformed, "The OpenVDB file is cut or damaged; send an intact file.");
+}
+
+// The file as a stream that throws at any read that comes short. OpenVDB does not look at a stream's state: it would
+// go on with whatever was in its variables, for as long as a count in a damaged file says.
+class Stream {
+ public:
+  explicit Stream(const std::filesystem::path& file) : size_(size_of_file(file)), in_(file, std::ios::binary) {
+    in_.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
+  }
+
+  std::istream& in() { return in_; }
+
+  template <typename T>
+  T value() {
+    T v{};
+    in_.read(reinterpret_cast<char*>(&v), sizeof v);
+    return v;
+  }
+
+  // Text with its length before it; lengths that the file does not have are seen before memory is taken.
+  std::string text() {
+    const auto length = value<std::uint32_t>();
+    need(length);
+    std::string s(length, '\0');
+    in_.read(s.data(), length);
+    return s;
+  }
+
+  void skip(std::uint64_t bytes) {
+    need(bytes);
+    in_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
+  }
+
+  void seek(std::int64_t position) {
+    if (position < 0 || static_cast<std::uint64_t>(position) > size_) fail_damaged();
+    in_.seekg(position);
+  }
+
+  std::int64_t position() { return in_.tellg(); }
+
+ private:
+  void need(std::uint64_t bytes) {
+    if (bytes > size_ - static_cast<std::uint64_t>(position())) fail_damaged();
+  }
+
+  std::uint64_t size_;
+  std::ifstream in_;
+};
+
+// Metadata are passed over by us: OpenVDB takes their sizes on trust. Only the class of a grid matters.
+openvdb::GridClass read_metadata(Stream& stream) {
+  openvdb::GridClass grid_class = openvdb::GRID_UNKNOWN;
+  const auto count = stream.value<std::uint32_t>();
+  if (count > kMaxEntries) fail_damaged();
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const std::string name = stream.text();
+    const std::string type = stream.text();
+    if (name == openvdb::GridBase::META_GRID_CLASS && type == "string") {
+      grid_class = openvdb::GridBase::stringToGridClass(stream.text());
+    } else {
+      stream.skip(stream.value<std::uint32_t>());
+    }
+  }
+  return grid_class;
+}
+
+struct Descriptor {
+  std::string name, type;
+  bool half = false, instance = false;
+  std::int64_t position = 0;
+};
+
+struct File {
+  std::uint32_t version = 0;
+  openvdb::VersionId library;
+  std::vector<Descriptor> grids;
+};
+
+Descriptor read_descriptor(Stream& stream) {
+  Descriptor d;
+  d.name = stream.text();
+  d.name = d.name.substr(0, d.name.find('\x1e'));  // what makes equal names unique follows a record separator
+  d.type = stream.text();
+  if (d.type.ends_with(kHalfSuffix)) {
+    d.half = true;
+    d.type.resize(d.type.size() - kHalfSuffix.size());
+  }
+  d.instance = !stream.text().empty();
+  d.position = stream.value<std::int64_t>();
+  stream.value<std::int64_t>();  // of the leaves
+  const auto end = stream.value<std::int64_t>();
+  if (d.position < stream.position() || end < d.position) fail_damaged();
+  stream.seek(end);
+  return d;
+}
+
+File read_file_header(Stream& stream) {
+  File file;
+  stream.value<std::int64_t>();  // the magic
+  file.version = stream.value<std::uint32_t>();
+  if (file.version < kOldest || file.version > kNewest) {
+    throw Error(ErrorCode::unusable, "The OpenVDB file's version is " + std::to_string(file.version) +
+                                         "; write it anew with version " + std::to_string(kOldest) + " to " +
+                                         std::to_string(kNewest) + ".");
+  }
+  file.library.first = stream.value<std::uint32_t>();
+  file.library.second = stream.value<std::uint32_t>();
+  if (stream.value<char>() == 0) {
+    throw Error(ErrorCode::unusable,
+                "The OpenVDB file was written as a stream, without the places of its grids; write it as a file.");
+  }
+  stream.skip(36);  // the UUID
+  read_metadata(stream);
+  const auto count = stream.value<std::uint32_t>();
+  if (count > kMaxEntries) fail_damaged();
+  for (std::uint32_t i = 0; i < count; ++i) file.grids.push_back(read_descriptor(stream));
+  return file;
+}
+
+template <typename GridType>
+struct Of {
+  using Type = GridType;
+};
+
+// Calls f(Of<GridType>) for the grid type of that name; false when it is not a scalar one.
+template <typename F>
+bool with_grid_type(const std::string& type, F&& f) {
+  const auto is = [&]<typename G>(Of<G> tag) {
+    if (type != G::gridType()) return false;
+    f(tag);
+    return true;
+  };
+  return is(Of<openvdb::FloatGrid>{}) || is(Of<openvdb::DoubleGrid>{}) || is(Of<openvdb::Int32Grid>{}) ||
+         is(Of<openvdb::Int64Grid>{}) || is(Of<openvdb::BoolGrid>{});
+}
+
+bool is_scalar(const std::string& type) {
+  return with_grid_type(type, [](auto) {});
+}
+
+const Descriptor& chosen_grid(const File& file, const std::string& name) {
+  for (const Descriptor& d : file.grids) {
+    if (name.empty() ? !is_scalar(d.type) || d.instance : d.name != name) continue;
+    if (!is_scalar(d.type)) {
+      throw Error(ErrorCode::unusable,
+                  "The chosen OpenVDB grid is not a scalar one (bool, int32, int64, float or double); choose another.");
+    }
+    if (d.instance) {
+      throw Error(ErrorCode::unusable,
+                  "The chosen OpenVDB grid only repeats another grid elsewhere; choose the original.");
+    }
+    return d;
+  }
+  if (!name.empty()) {
+    throw Error(ErrorCode::not_found, "The OpenVDB file has no grid of that name; leave out grid for the first one.");
+  }
+  throw Error(ErrorCode::unusable,
+              "The OpenVDB file has no scalar grid (bool, int32, int64, float or double); convert points or vectors "
+              "first.");
+}
+
+template <typename T>
+constexpr VoxelType voxel_type_of() {
+  if constexpr (std::is_same_v<T, bool>) return VoxelType::uint8;
+  if constexpr (std::is_same_v<T, std::int32_t>) return VoxelType::int32;
+  if constexpr (std::is_same_v<T, std::int64_t>) return VoxelType::int64;
+  if constexpr (std::is_same_v<T, float>) return VoxelType::float32;
+  if constexpr (std::is_same_v<T, double>) return VoxelType::float64;
+}
+
+// Index steps as columns, and the place of a voxel, in world units.
+void place(Volume& volume, std::array<std::int32_t, 3> dims, const openvdb::math::Transform& transform,
+           const openvdb::Coord& first) {
+  const auto affine = transform.baseMap()->getAffineMap();
+  const openvdb::math::Mat4d m = affine->getMat4();  // acts on row vectors
+  Mat3 axes;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) axes.rows[static_cast<std::size_t>(r)][c] = m(c, r);
+  }
+  const openvdb::Vec3d origin = transform.indexToWorld(first);
+  volume.grid = grid_from_affine(dims, axes, {origin.x(), origin.y(), origin.z()});
+}
+
+template <typename GridType>
+void read_grid(Volume& volume, Stream& stream, const File& file, const Descriptor& descriptor,
+               const ReadOptions& options, const Context& context) {
+  using Value = typename GridType::ValueType;
+  using Stored = std::conditional_t<std::is_same_v<Value, bool>, std::uint8_t, Value>;
+  std::istream& in = stream.in();
+  stream.seek(descriptor.position);
+  const auto compression = stream.value<std::uint32_t>();
+  const openvdb::GridClass grid_class = read_metadata(stream);
+  const std::int64_t transform_position = stream.position();
+  const std::string map = stream.text();
+  if (!openvdb::math::MapRegistry::isRegistered(map)) fail_damaged();
+  if (map == openvdb::math::NonlinearFrustumMap::mapType()) {
+    throw Error(ErrorCode::unusable, "The OpenVDB grid lies in a camera's frustum; resample it onto a straight grid.");
+  }
+  stream.seek(transform_position);
+
+  auto metadata = std::make_shared<openvdb::io::StreamMetadata>();
+  openvdb::io::setStreamMetadataPtr(in, metadata, /*transfer=*/false);
+  openvdb::io::setVersion(in, file.library, file.version);
+  openvdb::io::setDataCompression(in, compression);
+  openvdb::io::setGridClass(in, grid_class);
+  openvdb::io::setHalfFloat(in, descriptor.half);
+  openvdb::io::setGridBackgroundValuePtr(in, nullptr);
+  const typename GridType::Ptr grid = GridType::create();
+  grid->setSaveFloatAsHalf(descriptor.half);
+  grid->readTransform(in);
+  grid->readTopology(in);
+
+  openvdb::CoordBBox box;
+  if (!grid->tree().evalActiveVoxelBoundingBox(box)) {
+    throw Error(ErrorCode::unusable, "The OpenVDB grid has no active voxel; activate the voxels of the object.");
+  }
+  std::array<std::int64_t, 3> sizes{};
+  for (int a = 0; a < 3; ++a) {
+    sizes[static_cast<std::size_t>(a)] = static_cast<std::int64_t>(box.max()[a]) - box.min()[a] + 3;
+  }
+  volume.type = voxel_type_of<Value>();
+  const auto dims = checked_dims(sizes, volume.type, options.limits);
+  if (box.min()[0] == INT32_MIN || box.min()[1] == INT32_MIN || box.min()[2] == INT32_MIN ||
+      box.max()[0] == INT32_MAX || box.max()[1] == INT32_MAX || box.max()[2] == INT32_MAX) {
+    throw Error(ErrorCode::unusable, "The OpenVDB grid reaches the end of index space; move it to the origin.");
+  }
+  box.expand(1);
+  place(volume, dims, grid->transform(), box.min());
+  // Leaves in the file need not be dense, but their buffers are: they count like samples.
+  checked_dims({grid->tree().leafCount(), 512, 1}, volume.type, options.limits);
+  context.throw_if_cancelled();
+  context.report("read", 0.2);
+  grid->readBuffers(in);
+  context.throw_if_cancelled();
+  context.report("read", 0.8);
+
+  volume.natural_side = grid_class == openvdb::GRID_LEVEL_SET ? Side::below : Side::above;
+  volume.voxels.resize(volume.grid.sample_count() * sizeof(Stored));
+  openvdb::tools::Dense<Stored, openvdb::tools::LayoutXYZ> dense(box, reinterpret_cast<Stored*>(volume.voxels.data()));
+  openvdb::tools::copyToDense(*grid, dense, /*serial=*/context.threads <= 1);
+  context.report("read", 1);
+}
+
+}  // namespace
+
+bool is_openvdb(std::string_view head) {
+  return head.size() >= 12 && head.substr(0, 8) == std::string_view(" BDV\0\0\0\0", 8);
+}
+
+Volume read_openvdb(const std::filesystem::path& path, const ReadOptions& options, const Context& context) {
+  openvdb::initialize();  // safe to call again and from several threads
+  Volume volume;
+  volume.format = "openvdb";
+  chosen_frame(1, options);
+  try {
+    Stream stream(path);
+    const File file = read_file_header(stream);
+    const Descriptor& grid = chosen_grid(file, options.grid);
+    with_grid_type(grid.type, [&]<typename G>(Of<G>) { read_grid<G>(volume, stream, file, grid, options, context); });
+  } catch (const openvdb::Exception&) {
+    fail_damaged();
+  } catch (const std::ios::failure&) {
+    fail_damaged();
+  }
+  volume.warnings.push_back("OpenVDB does not name its units or the patient's axes; they were taken as mm, LPS.");
+  return volume;
+}
+
+}  // namespace spherule

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/io/read.h"
+
+#include <algorithm>
+#include <new>
+#include <stdexcept>
+#include <string_view>
+
+#include "core/io/metaimage.h"
+#include "core/io/nifti.h"
+#include "core/io/nrrd.h"
+#include "core/io/openvdb.h"
+#include "core/io/raw.h"
+#include "core/io/read_bytes.h"
+
+namespace spherule {
+
+namespace {
+
+using Path = std::filesystem::path;
+
+enum class Kind { unknown, damaged_gzip, nifti, analyze, nrrd, metaimage, openvdb, dicom, lfs_pointer };
+
+constexpr std::size_t kHead = 4096;
+
+bool is_dicom(std::string_view head) {
+  // Data sets without the preamble still name their class, by a UID of DICOM's own, near the start.
+  return (head.size() >= 132 && head.substr(128, 4) == "DICM") || head.find("1.2.840.10008.") != std::string_view::npos;
+}
+
+Kind kind_of(std::string_view head) {
+  if (is_nifti(head)) return Kind::nifti;
+  if (is_nrrd(head)) return Kind::nrrd;
+  if (is_openvdb(head)) return Kind::openvdb;
+  if (is_metaimage(head)) return Kind::metaimage;
+  if (is_dicom(head)) return Kind::dicom;
+  if (is_analyze(head)) return Kind::analyze;
+  if (head.starts_with("version https://git-lfs")) return Kind::lfs_pointer;
+  return Kind::unknown;
+}
+
+struct Sniffed {
+  Kind kind = Kind::unknown;
+  bool gzip = false;
+};
+
+Sniffed sniff(const Path& file) {
+  const bool gzip = is_gzip(file);
+  try {
+    return {kind_of(read_text(file, gzip ? Packing::deflate : Packing::none, kHead)), gzip};
+  } catch (const Error& error) {
+    if (error.code() == ErrorCode::malformed) return {Kind::damaged_gzip, gzip};
+    throw;
+  }
+}
+
+bool has_reader(Kind kind) {
+  return kind == Kind::nifti || kind == Kind::nrrd || kind == Kind::metaimage || kind == Kind::openvdb;
+}
+
+[[noreturn]] void refuse(Kind kind) {
+  switch (kind) {
+    case Kind::damaged_gzip:
+      throw Error(ErrorCode::malformed, "The gzip stream is damaged or cut before any header; send the file again.");
+    case Kind::analyze:
+      throw Error(ErrorCode::unusable,
+                  "The header is ANALYZE 7.5, which does not say left from right; convert the volume to NIfTI.");
+    case Kind::dicom:
+      throw Error(ErrorCode::unknown_format,
+                  "DICOM is not read yet; convert the series to NIfTI, NRRD or MetaImage first.");
+    case Kind::lfs_pointer:
+      throw Error(ErrorCode::unknown_format,
+                  "This is a git-LFS pointer, not the volume itself; fetch the file with git lfs pull and send that.");
+    default:
+      throw Error(ErrorCode::unknown_format,
+                  "The format is not recognised; send NIfTI-1/2 (.nii, .nii.gz, .hdr + .img), NRRD, MetaImage or "
+                  "OpenVDB, or describe headerless samples with format=raw, dims and dtype.");
+  }
+}
+
+Volume dispatch(const std::vector<Path>& files, const ReadOptions& options, const Context& context) {
+  if (options.raw) return read_raw(files, *options.raw, options, context);
+  std::vector<Sniffed> sniffed;
+  for (const Path& file : files) sniffed.push_back(sniff(file));
+  const auto reads = [](const Sniffed& s) { return has_reader(s.kind); };
+  const auto found = std::ranges::find_if(sniffed, reads);
+  if (found == sniffed.end()) {
+    const auto known = std::ranges::find_if(sniffed, [](const Sniffed& s) { return s.kind != Kind::unknown; });
+    refuse(known == sniffed.end() ? Kind::unknown : known->kind);
+  }
+  if (std::ranges::count_if(sniffed, reads) > 1) {
+    throw Error(ErrorCode::unusable, "Several volumes were sent at once; send each by itself.");
+  }
+  const Path& header = files[static_cast<std::size_t>(found - sniffed.begin())];
+  if (found->kind == Kind::nifti) return read_nifti(header, files, options, context);
+  if (found->gzip) {
+    throw Error(ErrorCode::unknown_format,
+                "Only NIfTI and raw files are read from within gzip; unpack this file and send it again.");
+  }
+  if (found->kind == Kind::nrrd) return read_nrrd(header, files, options, context);
+  if (found->kind == Kind::metaimage) return read_metaimage(header, files, options, context);
+  return read_openvdb(header, options, context);
+}
+
+}  // namespace
+
+Volume read_volume(const std::vector<Path>& files, const ReadOptions& options, const Context& context) {
+  if (files.empty()) throw Error(ErrorCode::invalid_argument, "No file was sent; send the bytes of a volume.");
+  for (const Path& file : files) {
+    if (size_of_file(file) == 0) throw Error(ErrorCode::malformed, "A file that was sent is empty; send it again.");
+  }
+  try {
+    Volume volume = dispatch(files, options, context);
+    if (volume.type == VoxelType::float32 || volume.type == VoxelType::float64) {
+      if (const std::size_t count = value_range(volume, context).not_finite) {
+        volume.warnings.push_back(std::to_string(count) + (count == 1 ? " voxel is" : " voxels are") +
+                                  " not a finite number (NaN or infinite).");
+      }
+    }
+    return volume;
+  } catch (const std::bad_alloc&) {
+  } catch (const std::length_error&) {
+  }
+  throw Error(ErrorCode::too_large, "The volume needs more memory than there is; send a smaller or coarser one.");
+}
+
+}  // namespace spherule
