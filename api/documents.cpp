@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "api/documents.h"
 
+#include <algorithm>
 #include <chrono>
 #include <ctime>
 #include <nlohmann/json.hpp>
@@ -15,7 +16,37 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kFrame = "LPS";
 
-std::string text(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"; }
+// Indented for people who read it in a terminal; an array of plain values stays on its line.
+void print(const Json& json, const std::string& indent, std::string& out) {
+  const bool plain = std::ranges::none_of(json, [](const Json& child) { return child.is_structured(); });
+  if (!json.is_structured() || json.empty() || (json.is_array() && plain)) {
+    std::string line = json.is_array() ? "[" : json.dump(-1, ' ', false, Json::error_handler_t::replace);
+    if (json.is_array()) {
+      for (const Json& child : json) {
+        line += (line.size() > 1 ? ", " : "") + child.dump(-1, ' ', false, Json::error_handler_t::replace);
+      }
+      line += "]";
+    }
+    out += line;
+    return;
+  }
+  const std::string deeper = indent + "  ";
+  const char* separator = "\n";
+  out += json.is_object() ? "{" : "[";
+  for (const auto& [key, child] : json.items()) {
+    out += separator + deeper;
+    if (json.is_object()) out += Json(key).dump() + ": ";
+    print(child, deeper, out);
+    separator = ",\n";
+  }
+  out += "\n" + indent + (json.is_object() ? "}" : "]");
+}
+
+std::string text(const Json& json) {
+  std::string out;
+  print(json, {}, out);
+  return out + "\n";
+}
 
 Json triple(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
 

@@ -36,11 +36,11 @@ class Body {
 };
 
 struct Request {
-  std::string method;                                      ///< as sent: GET, HEAD, POST …
-  std::string path;                                        ///< percent-decoded, without the query
-  std::vector<std::pair<std::string, std::string>> query;  ///< decoded
-  std::vector<std::pair<std::string, std::string>> headers;
-  std::string id;        ///< of this request: the X-Request-Id and the `instance` of problems
+  std::string method{};                                      ///< as sent: GET, HEAD, POST …
+  std::string path{};                                        ///< percent-decoded, without the query
+  std::vector<std::pair<std::string, std::string>> query{};  ///< decoded
+  std::vector<std::pair<std::string, std::string>> headers{};
+  std::string id{};      ///< of this request: the X-Request-Id and the `instance` of problems
   Body* body = nullptr;  ///< not owned; null means no body
 
   /// The first header of this name (in any case), or an empty string.

@@ -153,7 +153,7 @@ struct SphereMeasures {
 struct Measures {
   std::optional<VoxelMeasures> voxels;
   std::optional<TetrahedraMeasures> tetrahedra;
-  SphereMeasures spheres;
+  SphereMeasures spheres{};
 };
 
 // ------------------------------------------------------------------------------------------------------------- jobs
@@ -184,9 +184,9 @@ struct JobEvent {
   std::uint64_t number = 0;
   Type type = Type::state;
   JobState state = JobState::queued;
-  std::string stage;
+  std::string stage{};
   double progress = 0;
-  std::string warning;
+  std::string warning{};
 };
 struct JobEvents {
   std::vector<JobEvent> events;

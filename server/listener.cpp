@@ -509,6 +509,7 @@ Listener::Listener(ListenerOptions options, Handler handler, AccessLog log) : st
     const std::string id = random_id("req");
     Response problem = api::problem(status, id);
     problem.set(kOurs, id);
+    if (status == 405) problem.set("Allow", "GET, HEAD, POST, DELETE, OPTIONS");
     s.send_own(request, std::move(problem), response);
   };
   s.http.set_pre_routing_handler([refuse](const httplib::Request& request, httplib::Response& response) {
@@ -536,6 +537,7 @@ Listener::Listener(ListenerOptions options, Handler handler, AccessLog log) : st
   });
   s.http.set_post_routing_handler([](const httplib::Request&, httplib::Response& response) {
     if (response.status == 204 || response.status == 304) response.headers.erase("Content-Length");
+    if (response.has_header("Connection")) response.headers.erase("Keep-Alive");
   });
 
   const auto plain = [&s](const httplib::Request& request, httplib::Response& response) {
