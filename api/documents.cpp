@@ -1,0 +1,355 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/documents.h"
+
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <nlohmann/json.hpp>
+
+#include "api/problem.h"
+
+namespace spherule::api {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kFrame = "LPS";
+
+// Indented for people who read it in a terminal; an array of plain values stays on its line.
+void print(const Json& json, const std::string& indent, std::string& out) {
+  const bool plain = std::ranges::none_of(json, [](const Json& child) { return child.is_structured(); });
+  if (!json.is_structured() || json.empty() || (json.is_array() && plain)) {
+    std::string line = json.is_array() ? "[" : json.dump(-1, ' ', false, Json::error_handler_t::replace);
+    if (json.is_array()) {
+      for (const Json& child : json) {
+        line += (line.size() > 1 ? ", " : "") + child.dump(-1, ' ', false, Json::error_handler_t::replace);
+      }
+      line += "]";
+    }
+    out += line;
+    return;
+  }
+  const std::string deeper = indent + "  ";
+  const char* separator = "\n";
+  out += json.is_object() ? "{" : "[";
+  for (const auto& [key, child] : json.items()) {
+    out += separator + deeper;
+    if (json.is_object()) out += Json(key).dump() + ": ";
+    print(child, deeper, out);
+    separator = ",\n";
+  }
+  out += "\n" + indent + (json.is_object() ? "}" : "]");
+}
+
+std::string text(const Json& json) {
+  std::string out;
+  print(json, {}, out);
+  return out + "\n";
+}
+
+Json triple(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
+
+// Row-major, mapping (i, j, k, 1) to (x, y, z, 1).
+Json index_to_lps(const Grid& grid) {
+  Json rows = Json::array();
+  for (int r = 0; r < 3; ++r) {
+    const Vec3 axis = grid.direction.rows[static_cast<std::size_t>(r)];
+    rows.push_back({axis.x * grid.spacing.x, axis.y * grid.spacing.y, axis.z * grid.spacing.z, grid.origin[r]});
+  }
+  rows.push_back({0, 0, 0, 1});
+  return rows;
+}
+
+const char* side_name(Side side) { return side == Side::above ? "above" : "below"; }
+const char* border_name(Border border) { return border == Border::closed ? "closed" : "open"; }
+
+Json parameters_json(const VolumeParameters& parameters) {
+  Json json = Json::object();
+  if (parameters.raw) {
+    json["format"] = "raw";
+    json["dims"] = parameters.raw->dims;
+    json["dtype"] = name(parameters.raw->type);
+    json["spacing_mm"] = triple(parameters.raw->spacing);
+    json["origin_mm"] = triple(parameters.raw->origin);
+    json["endian"] = parameters.raw->big_endian ? "big" : "little";
+  }
+  if (parameters.frame) json["frame"] = *parameters.frame;
+  if (!parameters.grid.empty()) json["grid"] = parameters.grid;
+  return json;
+}
+
+Json volume_json(const VolumeInfo& volume) {
+  const std::string self = "/v1/volumes/" + volume.id;
+  Json files = Json::array();
+  for (const StoredFile& file : volume.files) files.push_back({{"bytes", file.bytes}, {"sha256", file.sha256}});
+  Json json{
+      {"id", volume.id},
+      {"created", iso_time(volume.created)},
+      {"format", volume.format},
+      {"dims", volume.grid.dims},
+      {"spacing_mm", triple(volume.grid.spacing)},
+      {"origin_mm", triple(volume.grid.origin)},
+      {"direction", Json::array()},
+      {"index_to_lps_mm", index_to_lps(volume.grid)},
+      {"dtype", name(volume.type)},
+      {"slope", volume.slope},
+      {"intercept", volume.intercept},
+      {"range", {{"min", volume.range.min}, {"max", volume.range.max}, {"not_finite", volume.range.not_finite}}},
+      {"inside_default", side_name(volume.natural_side)},
+      {"bytes", volume.bytes()},
+      {"files", std::move(files)},
+      {"parameters", parameters_json(volume.parameters)},
+      {"warnings", volume.warnings},
+      {"links",
+       {{"self", self}, {"content", self + "/content"}, {"histogram", self + "/histogram"}, {"models", "/v1/models"}}}};
+  for (const Vec3& row : volume.grid.direction.rows) json["direction"].push_back(triple(row));
+  if (volume.files.size() == 1) json["sha256"] = volume.files.front().sha256;
+  return json;
+}
+
+Json rule_json(const ObjectRule& rule) {
+  Json json = Json::object();
+  switch (rule.kind) {
+    case ObjectRule::Kind::threshold: json["threshold"] = rule.lo; break;
+    case ObjectRule::Kind::range: json["range"] = {rule.lo, rule.hi}; break;
+    case ObjectRule::Kind::labels: json["labels"] = rule.labels; break;
+  }
+  json["inside"] = side_name(rule.side);
+  json["border"] = border_name(rule.border);
+  return json;
+}
+
+Json bounds_json(const Box& box) {
+  if (box.empty()) return nullptr;
+  return {{"min", triple(box.min)}, {"max", triple(box.max)}};
+}
+
+Json model_json(const ModelInfo& model) {
+  const std::string self = "/v1/models/" + model.id;
+  Json json{{"id", model.id},
+            {"kind", model.source ? "raw" : "imported"},
+            {"created", iso_time(model.created)},
+            {"algorithm_version", model.algorithm_version}};
+  Json counts{{"spheres", model.spheres}};
+  Json links{{"self", self},
+             {"spheres", self + "/spheres"},
+             {"measures", self + "/measures"},
+             {"histogram", self + "/histogram"},
+             {"render", self + "/render"},
+             {"exports",
+              {{"csv", self + "/exports/csv"},
+               {"npy", self + "/exports/npy"},
+               {"ply", self + "/exports/ply"},
+               {"vtp", self + "/exports/vtp"}}}};
+  if (model.source) {
+    json["source"] = {{"volume", model.source->volume}};
+    json["parameters"] = rule_json(model.source->rule);
+    counts["boundary_points"] = model.boundary_points;
+    counts["tetrahedra"] = model.tetrahedra;
+    counts["inside_tetrahedra"] = model.inside_tetrahedra;
+    links["volume"] = "/v1/volumes/" + model.source->volume;
+    links["checks"] = self + "/checks";
+  } else {
+    json["source"] = {{"format", model.imported_format}};
+    json["parameters"] = Json::object();
+  }
+  json["counts"] = std::move(counts);
+  if (model.source) json["boundary_point_density_mm"] = model.boundary_point_density_mm;
+  json["bounds_mm"] = bounds_json(model.bounds);
+  json["frame"] = kFrame;
+  json["timings_s"] = model.timings_s;
+  json["warnings"] = model.warnings;
+  json["links"] = std::move(links);
+  return json;
+}
+
+Json optional_time(const std::optional<Time>& time) { return time ? Json(iso_time(*time)) : Json(nullptr); }
+
+Json job_json(const JobInfo& job) {
+  const std::string self = "/v1/jobs/" + job.id;
+  Json json{{"id", job.id},
+            {"kind", job.kind},
+            {"state", name(job.state)},
+            {"stage", job.stage},
+            {"progress", job.progress},
+            {"queue_position", job.queue_position ? Json(*job.queue_position) : Json(nullptr)},
+            {"created", iso_time(job.created)},
+            {"started", optional_time(job.started)},
+            {"finished", optional_time(job.finished)},
+            {"elapsed_s", job.elapsed_s},
+            {"remaining_s", job.remaining_s ? Json(*job.remaining_s) : Json(nullptr)},
+            {"warnings", job.warnings}};
+  if (job.state == JobState::failed) {
+    json["error"] =
+        Json::parse(job.error ? problem_document(*job.error, {}) : std::get<std::string>(problem(500, {}).body));
+  }
+  Json links{{"self", self}, {"events", self + "/events"}};
+  if (!is_over(job.state)) links["cancel"] = self + "/cancel";
+  if (!job.result.empty()) links["result"] = job.result;
+  json["links"] = std::move(links);
+  return json;
+}
+
+template <typename T, typename F>
+std::string list_document(const char* what, const Page<T>& page, F&& item) {
+  Json items = Json::array();
+  for (const T& x : page.items) items.push_back(item(x));
+  return text({{what, std::move(items)}, {"next_cursor", page.next.empty() ? Json(nullptr) : Json(page.next)}});
+}
+
+}  // namespace
+
+std::uint64_t VolumeInfo::bytes() const {
+  std::uint64_t sum = 0;
+  for (const StoredFile& file : files) sum += file.bytes;
+  return sum;
+}
+
+std::string volume_document(const VolumeInfo& volume) { return text(volume_json(volume)); }
+
+std::string stored_volume_document(const StoredVolume& stored) {
+  Json json = volume_json(stored.volume);
+  json["already_stored"] = stored.already_stored;
+  return text(json);
+}
+
+std::string model_document(const ModelInfo& model) { return text(model_json(model)); }
+std::string job_document(const JobInfo& job) { return text(job_json(job)); }
+std::string volume_list_document(const Page<VolumeInfo>& page) { return list_document("volumes", page, volume_json); }
+std::string model_list_document(const Page<ModelInfo>& page) { return list_document("models", page, model_json); }
+std::string job_list_document(const Page<JobInfo>& page) { return list_document("jobs", page, job_json); }
+
+std::string sphere_page_document(const std::string& model, const SpherePage& page, std::uint64_t offset) {
+  Json spheres = Json::array();
+  for (const Sphere& s : page.spheres) spheres.push_back({s.centre.x, s.centre.y, s.centre.z, s.radius});
+  const std::string self = "/v1/models/" + model;
+  // Compact: a page can hold many thousands of rows.
+  return Json{{"model", model},
+              {"frame", kFrame},
+              {"unit", "mm"},
+              {"columns", {"x", "y", "z", "r"}},
+              {"total", page.total},
+              {"offset", offset},
+              {"spheres", std::move(spheres)},
+              {"links", {{"model", self}}}}
+             .dump() +
+         "\n";
+}
+
+std::string value_histogram_document(const VolumeInfo& volume, std::span<const std::uint64_t> counts) {
+  return text({{"volume", volume.id},
+               {"min", volume.range.min},
+               {"max", volume.range.max},
+               {"not_finite", volume.range.not_finite},
+               {"counts", std::vector<std::uint64_t>(counts.begin(), counts.end())}});
+}
+
+std::string radius_histogram_document(const std::string& model, const RadiusHistogram& histogram) {
+  return text({{"model", model},
+               {"unit", "mm"},
+               {"min_mm", histogram.min_mm},
+               {"max_mm", histogram.max_mm},
+               {"counts", histogram.counts}});
+}
+
+std::string measures_document(const std::string& model, const Measures& measures) {
+  Json json{{"model", model}};
+  if (measures.voxels) {
+    json["voxels"] = {{"count", measures.voxels->count},
+                      {"volume_mm3", measures.voxels->volume_mm3},
+                      {"method", "number of inside samples times the volume of one voxel"}};
+  }
+  if (measures.tetrahedra) {
+    const TetrahedraMeasures& t = *measures.tetrahedra;
+    json["tetrahedra"] = {
+        {"volume_mm3", t.volume_mm3},
+        {"area_mm2", t.area_mm2},
+        {"boundary_facets", t.boundary_facets},
+        {"betti", t.topology.betti},
+        {"euler_characteristic", t.topology.euler_characteristic},
+        {"method",
+         "inside Delaunay tetrahedra: volume summed exactly on the integer lattice; area of the facets between inside "
+         "and outside; Betti numbers (pieces, tunnels, voids) of the closed simplicial complex"}};
+  }
+  json["spheres"] = {{"count", measures.spheres.count},
+                     {"radius_min_mm", measures.spheres.radius_min_mm},
+                     {"radius_max_mm", measures.spheres.radius_max_mm},
+                     {"method", measures.tetrahedra ? "circumspheres of the inside tetrahedra" : "as imported"}};
+  json["units"] = {{"length", "mm"}, {"area", "mm2"}, {"volume", "mm3"}};
+  json["links"] = {{"model", "/v1/models/" + model}};
+  return text(json);
+}
+
+std::string checks_document(const std::string& model, const ModelChecks& checks) {
+  const CriteriaReport& c = checks.criteria;
+  const BoundsReport& b = checks.bounds;
+  return text({{"model", model},
+               {"violations", c.violations()},
+               {"criteria",
+                {{"inside_samples_not_covered", c.inside_samples_not_covered},
+                 {"outside_samples_covered", c.outside_samples_covered},
+                 {"boundary_points_inside_balls", c.boundary_points_inside_balls},
+                 {"boundary_points_on_no_ball", c.boundary_points_on_no_ball}}},
+               {"bounds",
+                {{"density_mm", b.density_mm},
+                 {"density_bound_mm", b.density_bound_mm},
+                 {"density_holds", b.density_mm <= b.density_bound_mm},
+                 {"cells_per_point", b.cells_per_point},
+                 {"tetrahedra_volume_mm3", b.tetrahedra_volume_mm3},
+                 {"spheres_volume_bound_mm3", b.spheres_volume_bound_mm3}}},
+               {"links", {{"model", "/v1/models/" + model}}}});
+}
+
+std::string about_document(const About& about) {
+  return text({{"version", about.version}, {"algorithm_version", about.algorithm_version}, {"api", "v1"}});
+}
+
+std::string status_document(std::string_view status) { return text({{"status", status}}); }
+
+std::string event_data(const JobEvent& event) {
+  Json json{{"state", name(event.state)}};
+  if (!event.stage.empty()) json["stage"] = event.stage;
+  if (event.type != JobEvent::Type::warning) json["progress"] = event.progress;
+  if (!event.warning.empty()) json["warning"] = event.warning;
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string_view name(JobState state) {
+  constexpr std::array<std::string_view, 6> names = {"queued",    "running", "cancelling",
+                                                     "succeeded", "failed",  "cancelled"};
+  return names[static_cast<std::size_t>(state)];
+}
+
+std::string_view name(SphereFormat format) {
+  constexpr std::array<std::string_view, 4> names = {"csv", "npy", "ply", "vtp"};
+  return names[static_cast<std::size_t>(format)];
+}
+
+std::string iso_time(Time time) {
+  const auto ms = std::chrono::floor<std::chrono::milliseconds>(time);
+  const auto s = std::chrono::floor<std::chrono::seconds>(ms);
+  const std::time_t t = std::chrono::system_clock::to_time_t(std::chrono::system_clock::time_point(s));
+  std::tm utc{};
+  gmtime_r(&t, &utc);
+  std::array<char, 40> second{};
+  std::strftime(second.data(), second.size(), "%Y-%m-%dT%H:%M:%S.", &utc);
+  const std::string fraction = std::to_string(1000 + (ms - s).count());
+  return second.data() + fraction.substr(1) + "Z";
+}
+
+std::string path_of(const DerivedRequest& request) {
+  const std::string model = "/v1/models/" + request.model;
+  struct Visitor {
+    std::string operator()(const MeasuresRequest&) const { return "/measures"; }
+    std::string operator()(const ChecksRequest&) const { return "/checks"; }
+    std::string operator()(const RenderRequest& r) const {
+      return "/render?view=" + std::string(1, static_cast<char>(r.view)) + "&width=" + std::to_string(r.width) +
+             "&height=" + std::to_string(r.height);
+    }
+    std::string operator()(const ExportRequest& e) const { return "/exports/" + std::string(name(e.format)); }
+  };
+  return model + std::visit(Visitor{}, request.what);
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// One function a row of the route table (routes.cpp): parse, validate, call the service, present.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "api/http.h"
+
+namespace spherule::api {
+
+struct Call {
+  Service& service;
+  const Request& request;
+  std::vector<std::string> parameters;  ///< of the path, in order
+
+  const std::string& id() const { return parameters.front(); }
+};
+
+Response list_volumes(const Call& call);
+Response post_volume(const Call& call);
+Response get_volume(const Call& call);
+Response delete_volume(const Call& call);
+Response get_volume_content(const Call& call);
+Response get_volume_histogram(const Call& call);
+
+Response list_models(const Call& call);
+Response post_model(const Call& call);
+Response get_model(const Call& call);
+Response delete_model(const Call& call);
+Response get_spheres(const Call& call);
+Response get_measures(const Call& call);
+Response get_radius_histogram(const Call& call);
+Response get_checks(const Call& call);
+Response get_render(const Call& call);
+Response get_export(const Call& call);
+
+Response list_jobs(const Call& call);
+Response get_job(const Call& call);
+Response cancel_job(const Call& call);
+Response get_job_events(const Call& call);
+
+Response get_livez(const Call& call);
+Response get_readyz(const Call& call);
+Response get_version(const Call& call);
+Response get_contract(const Call& call);
+Response get_docs(const Call& call);
+
+// What several of them share.
+
+/// A JSON answer. Throws HttpError 406 when the Accept header does not allow JSON.
+Response json_response(const Call& call, std::string document, int status = 200);
+/// A stored content, or the part of it that a Range header asks for.
+Response content_response(const Call& call, Content content, std::string media_type, const std::string& filename);
+/// Adds a Link header to the next page of a list.
+void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next);
+
+}  // namespace spherule::api

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <array>
+
+#include "api/documents.h"
+#include "api/handlers.h"
+#include "api/problem.h"
+#include "api/requests.h"
+
+namespace spherule::api {
+
+namespace {
+
+constexpr std::uint64_t kJsonBytes = 1 << 20;
+
+// In the order of SphereFormat.
+constexpr std::array<std::string_view, 4> kSphereTypes = {"text/csv", "application/x-npy", "application/x-ply",
+                                                          "application/x-vtk-polydata"};
+
+struct Wait {
+  std::chrono::seconds granted;
+  bool asked;  // by a Prefer header
+
+  void state(Response& response) const {
+    if (asked) response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
+  }
+};
+
+Wait agreed_wait(const Call& call, bool waits_unasked) {
+  const std::chrono::seconds cap = call.service.limits().longest_wait;
+  const auto preferred = preferred_wait(call.request);
+  return {std::min(preferred.value_or(waits_unasked ? cap : std::chrono::seconds(0)), cap), preferred.has_value()};
+}
+
+Response accepted(const JobInfo& job) {
+  Response response{.status = 202, .body = job_document(job)};
+  response.set("Content-Type", "application/json");
+  response.set("Location", "/v1/jobs/" + job.id);
+  response.set("Retry-After", "1");
+  return response;
+}
+
+Response stored(const Call& call, const StoredModel& model) {
+  Response response = json_response(call, model_document(model.model), model.already_stored ? 200 : 201);
+  response.set("Location", "/v1/models/" + model.model.id);
+  return response;
+}
+
+Response import_spheres(const Call& call, SphereFormat format) {
+  std::unique_ptr<Upload> upload = call.service.start_upload(call.request.body->announced());
+  upload->begin_file({});
+  call.request.body->read(call.service.limits().upload_bytes, [&](std::string_view piece) { upload->write(piece); });
+  return stored(call, call.service.import_model(std::move(upload), format));
+}
+
+Response make_model(const Call& call) {
+  const Wait wait = agreed_wait(call, false);
+  std::string text;
+  call.request.body->read(kJsonBytes, [&](std::string_view piece) { text += piece; });
+  const ModelWish wish = model_wish(text);
+  ModelRequest request{.volume = wish.volume, .rule = wish.rule};
+  if (!wish.side_given && wish.rule.kind == ObjectRule::Kind::threshold) {
+    request.rule.side = call.service.volume(wish.volume).natural_side;
+  }
+  const Outcome<StoredModel> outcome = call.service.make_model(request, wait.granted);
+  const auto* model = std::get_if<StoredModel>(&outcome);
+  Response response = model != nullptr ? stored(call, *model) : accepted(std::get<JobInfo>(outcome));
+  wait.state(response);
+  return response;
+}
+
+// What is derived from a model, once it is there.
+Response derived(const Call& call, const DerivedRequest& request, std::string_view type, const std::string& filename) {
+  negotiate(call.request.header("Accept"), std::span(&type, 1));
+  const Wait wait = agreed_wait(call, true);
+  Outcome<Content> outcome = call.service.derive(request, wait.granted);
+  auto* content = std::get_if<Content>(&outcome);
+  Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
+                                         : accepted(std::get<JobInfo>(outcome));
+  wait.state(response);
+  return response;
+}
+
+Response exported(const Call& call, SphereFormat format) {
+  const auto index = static_cast<std::size_t>(format);
+  Response response = derived(call, {.model = call.id(), .what = ExportRequest{format}}, kSphereTypes[index],
+                              call.id() + "." + std::string(name(format)));
+  // For the formats that cannot say so themselves.
+  response.set("Spherule-Frame", "LPS");
+  response.set("Spherule-Unit", "mm");
+  return response;
+}
+
+std::optional<SphereFormat> sphere_format(std::string_view word) {
+  for (std::size_t i = 0; i < kSphereTypes.size(); ++i) {
+    if (word == name(static_cast<SphereFormat>(i))) return static_cast<SphereFormat>(i);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+Response list_models(const Call& call) {
+  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
+  const Page<ModelInfo> models = call.service.models(page);
+  Response response = json_response(call, model_list_document(models));
+  link_next(response, "/v1/models", page, models.next);
+  return response;
+}
+
+Response post_model(const Call& call) {
+  const Query query(call.request, {"format"});
+  const auto given = query.choice("format", {"csv", "npy"});
+  const Body* body = call.request.body;
+  if (body == nullptr || !body->present()) {
+    throw Error(ErrorCode::invalid_argument,
+                "Send a JSON object such as {\"volume\": id, \"threshold\": 60.5}, or spheres as CSV or NPY.");
+  }
+  const std::string type = media_type(call.request.header("Content-Type"));
+  if (given == "csv" || (!given && type == "text/csv")) return import_spheres(call, SphereFormat::csv);
+  if (given == "npy" || (!given && type == "application/x-npy")) return import_spheres(call, SphereFormat::npy);
+  // curl -d says that everything is a form.
+  if (type.empty() || type == "application/json" || type.ends_with("+json") ||
+      type == "application/x-www-form-urlencoded") {
+    return make_model(call);
+  }
+  throw HttpError(415, "Send application/json, or spheres as text/csv or application/x-npy (or add format=csv or npy).",
+                  {{"Accept-Post", "application/json, text/csv, application/x-npy"}});
+}
+
+Response get_model(const Call& call) {
+  const Query query(call.request, {});
+  return json_response(call, model_document(call.service.model(call.id())));
+}
+
+Response delete_model(const Call& call) {
+  const Query query(call.request, {});
+  call.service.delete_model(call.id());
+  return {.status = 204};
+}
+
+Response get_spheres(const Call& call) {
+  const Query query(call.request, {"format", "offset", "limit"});
+  const auto given = query.choice("format", {"json", "csv", "npy", "ply", "vtp"});
+  const auto offset = query.integer("offset", 0, std::int64_t{1} << 52);
+  const auto limit = query.integer("limit", 1, 100'000);
+  std::optional<SphereFormat> format;
+  if (given) {
+    format = sphere_format(*given);
+  } else {
+    std::array<std::string_view, 5> types = {"application/json"};
+    std::ranges::copy(kSphereTypes, types.begin() + 1);
+    const std::size_t best = negotiate(call.request.header("Accept"), types);
+    if (best > 0) format = static_cast<SphereFormat>(best - 1);
+  }
+  if (format) {
+    if (offset || limit) {
+      throw Error(ErrorCode::invalid_argument, "Only JSON comes in pages; leave offset and limit out.",
+                  {{offset ? "offset" : "limit", "This is for format=json."}});
+    }
+    return exported(call, *format);
+  }
+  const auto first = static_cast<std::uint64_t>(offset.value_or(0));
+  const auto count = static_cast<std::size_t>(limit.value_or(1000));
+  const SpherePage page = call.service.spheres(call.id(), first, count);
+  Response response{.status = 200, .body = sphere_page_document(call.id(), page, first)};
+  response.set("Content-Type", "application/json");
+  response.set("Vary", "Accept");
+  if (first + page.spheres.size() < page.total) {
+    response.set("Link", "</v1/models/" + call.id() +
+                             "/spheres?format=json&offset=" + std::to_string(first + page.spheres.size()) +
+                             "&limit=" + std::to_string(count) + ">; rel=\"next\"");
+  }
+  return response;
+}
+
+Response get_measures(const Call& call) {
+  const Query query(call.request, {});
+  return derived(call, {.model = call.id(), .what = MeasuresRequest{}}, "application/json", {});
+}
+
+Response get_radius_histogram(const Call& call) {
+  const Query query(call.request, {"buckets"});
+  const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(40));
+  return json_response(call, radius_histogram_document(call.id(), call.service.radius_histogram(call.id(), buckets)));
+}
+
+Response get_checks(const Call& call) {
+  const Query query(call.request, {});
+  return derived(call, {.model = call.id(), .what = ChecksRequest{}}, "application/json", {});
+}
+
+Response get_render(const Call& call) {
+  const Query query(call.request, {"view", "width", "height"});
+  RenderRequest render;
+  if (const auto view = query.choice("view", {"a", "p", "r", "l", "h", "f"})) {
+    render.view = static_cast<View>(view->front());
+  }
+  render.width = static_cast<int>(query.integer("width", 1, 8192).value_or(render.width));
+  render.height = static_cast<int>(query.integer("height", 1, 8192).value_or(render.height));
+  const std::uint64_t most = call.service.limits().image_pixels;
+  if (static_cast<std::uint64_t>(render.width) * static_cast<std::uint64_t>(render.height) > most) {
+    throw Error(ErrorCode::too_large, "Ask for a picture of at most " + std::to_string(most) + " pixels.");
+  }
+  return derived(call, {.model = call.id(), .what = render}, "image/png", {});
+}
+
+Response get_export(const Call& call) {
+  const Query query(call.request, {});
+  const auto format = sphere_format(call.parameters[1]);
+  if (!format) throw Error(ErrorCode::not_found, "There is no such export; there are csv, npy, ply and vtp.");
+  return exported(call, *format);
+}
+
+}  // namespace spherule::api

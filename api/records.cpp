@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <nlohmann/json.hpp>
+
+#include "api/documents.h"
+
+namespace spherule::api {
+
+namespace {
+
+// Members ascend, which with dump() is the canonical form.
+using Json = nlohmann::json;
+
+Json to_json(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
+Vec3 vec_from(const Json& json) { return {json.at(0), json.at(1), json.at(2)}; }
+
+std::int64_t microseconds(Time time) {
+  return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();
+}
+Time time_from(const Json& json) {
+  return Time(std::chrono::duration_cast<Time::duration>(std::chrono::microseconds(json.get<std::int64_t>())));
+}
+
+Json to_json(const VolumeParameters& parameters) {
+  Json json = Json::object();
+  if (parameters.raw) {
+    json["raw"] = {{"dims", parameters.raw->dims},
+                   {"dtype", name(parameters.raw->type)},
+                   {"spacing", to_json(parameters.raw->spacing)},
+                   {"origin", to_json(parameters.raw->origin)},
+                   {"big_endian", parameters.raw->big_endian}};
+  }
+  if (parameters.frame) json["frame"] = *parameters.frame;
+  if (!parameters.grid.empty()) json["grid"] = parameters.grid;
+  return json;
+}
+
+VolumeParameters parameters_from(const Json& json) {
+  VolumeParameters parameters;
+  if (json.contains("raw")) {
+    const Json& raw = json.at("raw");
+    parameters.raw = RawLayout{.dims = raw.at("dims"),
+                               .type = voxel_type(raw.at("dtype").get<std::string>()),
+                               .spacing = vec_from(raw.at("spacing")),
+                               .origin = vec_from(raw.at("origin")),
+                               .big_endian = raw.at("big_endian")};
+  }
+  if (json.contains("frame")) parameters.frame = json.at("frame").get<int>();
+  if (json.contains("grid")) parameters.grid = json.at("grid");
+  return parameters;
+}
+
+Json to_json(const ModelRequest& request) {
+  const ObjectRule& rule = request.rule;
+  Json json{{"volume", request.volume},
+            {"inside", rule.side == Side::above ? "above" : "below"},
+            {"border", rule.border == Border::closed ? "closed" : "open"}};
+  // Adding 0 turns -0 into 0, which means the same.
+  switch (rule.kind) {
+    case ObjectRule::Kind::threshold: json["threshold"] = rule.lo + 0.0; break;
+    case ObjectRule::Kind::range: json["range"] = {rule.lo + 0.0, rule.hi + 0.0}; break;
+    case ObjectRule::Kind::labels: json["labels"] = rule.labels; break;
+  }
+  return json;
+}
+
+ModelRequest model_request_from_json(const Json& json) {
+  ModelRequest request{.volume = json.at("volume"), .rule = {}};
+  request.rule.side = json.at("inside") == "above" ? Side::above : Side::below;
+  request.rule.border = json.at("border") == "closed" ? Border::closed : Border::open;
+  if (json.contains("threshold")) {
+    request.rule.lo = json.at("threshold");
+  } else if (json.contains("range")) {
+    request.rule.kind = ObjectRule::Kind::range;
+    request.rule.lo = json.at("range").at(0);
+    request.rule.hi = json.at("range").at(1);
+  } else {
+    request.rule.kind = ObjectRule::Kind::labels;
+    request.rule.labels = json.at("labels").get<std::vector<std::int64_t>>();
+  }
+  return request;
+}
+
+Json to_json(const DerivedRequest& request) {
+  Json json{{"model", request.model}};
+  if (std::holds_alternative<MeasuresRequest>(request.what)) json["what"] = "measures";
+  if (std::holds_alternative<ChecksRequest>(request.what)) json["what"] = "checks";
+  if (const auto* render = std::get_if<RenderRequest>(&request.what)) {
+    json["what"] = "render";
+    json["view"] = std::string(1, static_cast<char>(render->view));
+    json["width"] = render->width;
+    json["height"] = render->height;
+  }
+  if (const auto* format = std::get_if<ExportRequest>(&request.what)) {
+    json["what"] = "export";
+    json["format"] = name(format->format);
+  }
+  return json;
+}
+
+Json to_json(std::span<const StoredFile> files, bool with_names) {
+  Json json = Json::array();
+  for (const StoredFile& file : files) {
+    json.push_back({{"sha256", file.sha256}, {"bytes", file.bytes}});
+    if (with_names) json.back()["name"] = file.name;
+  }
+  return json;
+}
+
+// Runs a reader of text that only this file writes.
+template <typename F>
+auto read(std::string_view record, F&& f) {
+  try {
+    return f(Json::parse(record));
+  } catch (const Json::exception&) {
+    throw Error(ErrorCode::corrupt,
+                "The server's record of this resource is damaged; delete the resource and make it again.");
+  }
+}
+
+}  // namespace
+
+std::string record_of(const VolumeInfo& v) {
+  const Mat3& d = v.grid.direction;
+  return Json{{"id", v.id},
+              {"created", microseconds(v.created)},
+              {"files", to_json(v.files, true)},
+              {"parameters", to_json(v.parameters)},
+              {"format", v.format},
+              {"dims", v.grid.dims},
+              {"spacing", to_json(v.grid.spacing)},
+              {"origin", to_json(v.grid.origin)},
+              {"direction", {to_json(d.rows[0]), to_json(d.rows[1]), to_json(d.rows[2])}},
+              {"dtype", name(v.type)},
+              {"slope", v.slope},
+              {"intercept", v.intercept},
+              {"range", {v.range.min, v.range.max}},
+              {"not_finite", v.range.not_finite},
+              {"below", v.natural_side == Side::below},
+              {"warnings", v.warnings}}
+      .dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+VolumeInfo volume_from(std::string_view record) {
+  return read(record, [](const Json& json) {
+    VolumeInfo v;
+    v.id = json.at("id");
+    v.created = time_from(json.at("created"));
+    for (const Json& file : json.at("files")) {
+      v.files.push_back({.name = file.at("name"), .sha256 = file.at("sha256"), .bytes = file.at("bytes")});
+    }
+    v.parameters = parameters_from(json.at("parameters"));
+    v.format = json.at("format");
+    v.grid.dims = json.at("dims");
+    v.grid.spacing = vec_from(json.at("spacing"));
+    v.grid.origin = vec_from(json.at("origin"));
+    for (std::size_t r = 0; r < 3; ++r) v.grid.direction.rows[r] = vec_from(json.at("direction").at(r));
+    v.type = voxel_type(json.at("dtype").get<std::string>());
+    v.slope = json.at("slope");
+    v.intercept = json.at("intercept");
+    v.range = {json.at("range").at(0), json.at("range").at(1), json.at("not_finite")};
+    v.natural_side = json.at("below").get<bool>() ? Side::below : Side::above;
+    v.warnings = json.at("warnings").get<std::vector<std::string>>();
+    return v;
+  });
+}
+
+std::string record_of(const ModelInfo& m) {
+  Json json{{"id", m.id},
+            {"created", microseconds(m.created)},
+            {"algorithm_version", m.algorithm_version},
+            {"imported_format", m.imported_format},
+            {"boundary_points", m.boundary_points},
+            {"tetrahedra", m.tetrahedra},
+            {"inside_tetrahedra", m.inside_tetrahedra},
+            {"spheres", m.spheres},
+            {"density", m.boundary_point_density_mm},
+            {"timings", m.timings_s},
+            {"warnings", m.warnings}};
+  if (m.source) json["source"] = to_json(*m.source);
+  if (m.voxels) json["voxels"] = {{"count", m.voxels->count}, {"volume", m.voxels->volume_mm3}};
+  if (!m.bounds.empty()) json["bounds"] = {to_json(m.bounds.min), to_json(m.bounds.max)};
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+ModelInfo model_from(std::string_view record) {
+  return read(record, [](const Json& json) {
+    ModelInfo m;
+    m.id = json.at("id");
+    m.created = time_from(json.at("created"));
+    m.algorithm_version = json.at("algorithm_version");
+    m.imported_format = json.at("imported_format");
+    m.boundary_points = json.at("boundary_points");
+    m.tetrahedra = json.at("tetrahedra");
+    m.inside_tetrahedra = json.at("inside_tetrahedra");
+    m.spheres = json.at("spheres");
+    m.boundary_point_density_mm = json.at("density");
+    m.timings_s = json.at("timings").get<std::map<std::string, double>>();
+    m.warnings = json.at("warnings").get<std::vector<std::string>>();
+    if (json.contains("source")) m.source = model_request_from_json(json.at("source"));
+    if (json.contains("voxels")) m.voxels = {json.at("voxels").at("count"), json.at("voxels").at("volume")};
+    if (json.contains("bounds")) m.bounds = {vec_from(json.at("bounds").at(0)), vec_from(json.at("bounds").at(1))};
+    return m;
+  });
+}
+
+std::string record_of(const DerivedRequest& request) { return to_json(request).dump(); }
+
+DerivedRequest derived_from(std::string_view record) {
+  return read(record, [](const Json& json) {
+    DerivedRequest request{.model = json.at("model"), .what = {}};
+    const std::string what = json.at("what");
+    if (what == "measures") {
+      request.what = MeasuresRequest{};
+    } else if (what == "checks") {
+      request.what = ChecksRequest{};
+    } else if (what == "render") {
+      request.what = RenderRequest{.view = static_cast<View>(json.at("view").get<std::string>().at(0)),
+                                   .width = json.at("width"),
+                                   .height = json.at("height")};
+    } else {
+      ExportRequest wanted;
+      for (const SphereFormat format : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {
+        if (json.at("format") == name(format)) wanted.format = format;
+      }
+      request.what = wanted;
+    }
+    return request;
+  });
+}
+
+std::string record_of(const ModelRequest& request) { return to_json(request).dump(); }
+
+ModelRequest model_request_from(std::string_view record) { return read(record, model_request_from_json); }
+
+std::string identity_of(std::span<const StoredFile> files, const VolumeParameters& parameters) {
+  return Json{{"files", to_json(files, files.size() > 1)}, {"parameters", to_json(parameters)}}.dump(
+      -1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string identity_of(const ModelRequest& request, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
+}
+
+std::string identity_of(const DerivedRequest& request, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
+}
+
+std::string identity_of(const StoredFile& file, SphereFormat format, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"imported", file.sha256}, {"format", name(format)}}.dump();
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/requests.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "api/problem.h"
+
+namespace spherule::api {
+
+namespace {
+
+[[noreturn]] void refuse(std::string_view pointer, const std::string& detail) {
+  throw Error(ErrorCode::invalid_argument, "Correct the parameters listed under errors.",
+              {{std::string(pointer), detail}});
+}
+
+std::string_view trimmed(std::string_view s) {
+  while (!s.empty() && (s.front() == ' ' || s.front() == '\t')) s.remove_prefix(1);
+  while (!s.empty() && (s.back() == ' ' || s.back() == '\t')) s.remove_suffix(1);
+  return s;
+}
+
+std::string lower(std::string_view s) {
+  std::string out(s);
+  std::ranges::transform(out, out.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+  return out;
+}
+
+// Calls f with each trimmed, non-empty piece between separators.
+template <typename F>
+void split(std::string_view s, char separator, F&& f) {
+  while (!s.empty()) {
+    const std::size_t end = std::min(s.find(separator), s.size());
+    if (const std::string_view piece = trimmed(s.substr(0, end)); !piece.empty()) f(piece);
+    s.remove_prefix(std::min(end + 1, s.size()));
+  }
+}
+
+template <typename T>
+std::optional<T> parse_number(std::string_view s) {
+  T value{};
+  const auto [end, error] = std::from_chars(s.data(), s.data() + s.size(), value);
+  if (error != std::errc{} || end != s.data() + s.size()) return std::nullopt;
+  return value;
+}
+
+bool is_utf8(std::string_view s) {
+  for (std::size_t i = 0; i < s.size();) {
+    const auto lead = static_cast<unsigned char>(s[i]);
+    const std::size_t length = lead < 0x80                   ? 1
+                               : lead >= 0xc2 && lead < 0xe0 ? 2
+                               : (lead & 0xf0) == 0xe0       ? 3
+                               : lead >= 0xf0 && lead < 0xf5 ? 4
+                                                             : 0;
+    if (length == 0 || i + length > s.size()) return false;
+    for (std::size_t k = 1; k < length; ++k) {
+      if ((static_cast<unsigned char>(s[i + k]) & 0xc0) != 0x80) return false;
+    }
+    i += length;
+  }
+  return true;
+}
+
+std::string joined(std::initializer_list<std::string_view> words) {
+  std::string out;
+  for (const std::string_view word : words) out += (out.empty() ? "" : ", ") + std::string(word);
+  return out;
+}
+
+}  // namespace
+
+Query::Query(const Request& request, std::initializer_list<std::string_view> known) : request_(request) {
+  std::vector<FieldError> errors;
+  for (auto it = request.query.begin(); it != request.query.end(); ++it) {
+    const std::string& name = it->first;
+    if (std::ranges::find(known, name) == known.end()) {
+      errors.push_back({name.substr(0, 100),
+                        known.size() == 0 ? "This resource takes no parameters."
+                                          : "There is no such parameter here; known are " + joined(known) + "."});
+    } else if (std::any_of(request.query.begin(), it, [&](const auto& other) { return other.first == name; })) {
+      errors.push_back({name, "Give this parameter once."});
+    } else if (!is_utf8(it->second)) {
+      errors.push_back({name, "Give this parameter in UTF-8."});
+    }
+  }
+  if (!errors.empty()) {
+    throw Error(ErrorCode::invalid_argument, "Correct the parameters listed under errors.", std::move(errors));
+  }
+}
+
+std::optional<std::string> Query::text(std::string_view name) const {
+  const auto found = std::ranges::find_if(request_.query, [&](const auto& pair) { return pair.first == name; });
+  if (found == request_.query.end()) return std::nullopt;
+  return found->second;
+}
+
+std::optional<std::int64_t> Query::integer(std::string_view name, std::int64_t least, std::int64_t most) const {
+  const auto given = text(name);
+  if (!given) return std::nullopt;
+  const auto value = parse_number<std::int64_t>(*given);
+  if (!value || *value < least || *value > most) {
+    refuse(name, "Give a whole number within " + std::to_string(least) + " and " + std::to_string(most) + ".");
+  }
+  return value;
+}
+
+std::optional<std::vector<double>> Query::numbers(std::string_view name, std::size_t count) const {
+  const auto given = text(name);
+  if (!given) return std::nullopt;
+  std::vector<double> values;
+  bool good = !given->empty() && given->back() != ',';
+  for (std::string_view rest = *given; good && !rest.empty();) {
+    const std::size_t end = std::min(rest.find(','), rest.size());
+    const auto value = parse_number<double>(trimmed(rest.substr(0, end)));
+    good = value && std::isfinite(*value) && values.size() < count;
+    if (good) values.push_back(*value);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  if (!good || values.size() != count) {
+    refuse(name, "Give " + std::to_string(count) + " numbers with commas between.");
+  }
+  return values;
+}
+
+std::optional<std::string> Query::choice(std::string_view name, std::initializer_list<std::string_view> choices) const {
+  const auto given = text(name);
+  if (given && std::ranges::find(choices, *given) == choices.end())
+    refuse(name, "Give one of " + joined(choices) + ".");
+  return given;
+}
+
+PageRequest page_request(const Query& query) {
+  return {.limit = static_cast<std::size_t>(query.integer("limit", 1, 1000).value_or(100)),
+          .cursor = query.text("cursor").value_or("")};
+}
+
+VolumeParameters volume_parameters(const Request& request) {
+  const Query query(request, {"format", "dims", "dtype", "spacing", "origin", "endian", "frame", "grid"});
+  VolumeParameters parameters;
+  if (query.choice("format", {"raw"})) {
+    RawLayout raw;
+    const auto dims = query.numbers("dims", 3);
+    if (!dims) refuse("dims", "Raw samples need their sizes: dims=nx,ny,nz.");
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double n = (*dims)[a];
+      if (n < 1 || n > 0x7fffffff || n != std::floor(n))
+        refuse("dims", "Every size must be a whole number above zero.");
+      raw.dims[a] = static_cast<std::int32_t>(n);
+    }
+    const auto dtype = query.text("dtype");
+    if (!dtype) refuse("dtype", "Raw samples need their type, by NumPy's name: dtype=uint8.");
+    try {
+      raw.type = voxel_type(*dtype);
+    } catch (const Error& error) {
+      refuse("dtype", error.what());
+    }
+    if (const auto spacing = query.numbers("spacing", 3)) {
+      raw.spacing = {(*spacing)[0], (*spacing)[1], (*spacing)[2]};
+      if (!(raw.spacing.x > 0 && raw.spacing.y > 0 && raw.spacing.z > 0)) {
+        refuse("spacing", "Every spacing must be above zero.");
+      }
+    }
+    if (const auto origin = query.numbers("origin", 3)) raw.origin = {(*origin)[0], (*origin)[1], (*origin)[2]};
+    raw.big_endian = query.choice("endian", {"little", "big"}) == "big";
+    parameters.raw = raw;
+  } else {
+    for (const std::string_view name : {"dims", "dtype", "spacing", "origin", "endian"}) {
+      if (query.text(name)) refuse(name, "This parameter describes headerless samples; add format=raw.");
+    }
+  }
+  if (const auto frame = query.integer("frame", 0, 0x7fffffff)) parameters.frame = static_cast<int>(*frame);
+  parameters.grid = query.text("grid").value_or("");
+  if (parameters.raw && (parameters.frame || !parameters.grid.empty())) {
+    refuse(parameters.frame ? "frame" : "grid", "Headerless samples are one volume; leave this parameter out.");
+  }
+  return parameters;
+}
+
+ModelWish model_wish(std::string_view text) {
+  using Json = nlohmann::json;
+  Json json;
+  try {
+    // A model request is three levels deep at most; deeper text is refused before it can exhaust the stack.
+    json = Json::parse(text, [](int depth, Json::parse_event_t, Json&) {
+      if (depth > 8) throw Error(ErrorCode::malformed, "The body is nested too deeply; send a JSON object.");
+      return true;
+    });
+  } catch (const Json::exception&) {
+    throw Error(ErrorCode::malformed,
+                "The body is not JSON; send an object such as {\"volume\": id, \"threshold\": 60.5}.");
+  }
+  if (!json.is_object()) {
+    throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"volume\": id, \"threshold\": 60.5}.");
+  }
+  ModelWish wish;
+  std::vector<FieldError> errors;
+  int objects = 0;
+  const auto finite = [](const Json& j) { return j.is_number() && std::isfinite(j.get<double>()); };
+  for (const auto& [key, value] : json.items()) {
+    if (key == "volume") {
+      if (value.is_string()) {
+        wish.volume = value;
+      } else {
+        errors.push_back({"/volume", "Give the id of a stored volume."});
+      }
+    } else if (key == "threshold") {
+      ++objects;
+      if (finite(value)) {
+        wish.rule.lo = value;
+      } else {
+        errors.push_back({"/threshold", "Give a number."});
+      }
+    } else if (key == "range") {
+      ++objects;
+      if (value.is_array() && value.size() == 2 && finite(value[0]) && finite(value[1]) && value[0] <= value[1]) {
+        wish.rule.kind = ObjectRule::Kind::range;
+        wish.rule.lo = value[0];
+        wish.rule.hi = value[1];
+      } else {
+        errors.push_back({"/range", "Give two numbers [lo, hi] with lo no greater than hi."});
+      }
+    } else if (key == "labels") {
+      ++objects;
+      const auto label = [](const Json& j) {
+        return j.is_number_integer() && !(j.is_number_unsigned() && j.get<std::uint64_t>() >> 63);
+      };
+      if (value.is_array() && !value.empty() && value.size() <= 65536 && std::ranges::all_of(value, label)) {
+        wish.rule.kind = ObjectRule::Kind::labels;
+        wish.rule.labels = value.get<std::vector<std::int64_t>>();
+        std::ranges::sort(wish.rule.labels);
+        wish.rule.labels.erase(std::ranges::unique(wish.rule.labels).begin(), wish.rule.labels.end());
+      } else {
+        errors.push_back({"/labels", "Give an array of whole numbers."});
+      }
+    } else if (key == "inside") {
+      wish.side_given = value == "above" || value == "below";
+      wish.rule.side = value == "below" ? Side::below : Side::above;
+      if (!wish.side_given) errors.push_back({"/inside", "Give \"above\" or \"below\"."});
+    } else if (key == "border") {
+      wish.rule.border = value == "open" ? Border::open : Border::closed;
+      if (value != "open" && value != "closed") errors.push_back({"/border", "Give \"closed\" or \"open\"."});
+    } else {
+      std::string pointer = "/";
+      for (const char c : key.substr(0, 100)) pointer += c == '~' ? "~0" : c == '/' ? "~1" : std::string(1, c);
+      errors.push_back(
+          {pointer, "There is no such field; known are volume, threshold, range, labels, inside, border."});
+    }
+  }
+  if (!json.contains("volume")) errors.push_back({"/volume", "Give the id of a stored volume."});
+  if (objects != 1) errors.push_back({"", "Give exactly one of threshold, range and labels."});
+  if (!errors.empty()) {
+    throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.", std::move(errors));
+  }
+  return wish;
+}
+
+double acceptability(std::string_view accept, std::string_view type) {
+  if (trimmed(accept).empty()) return 1;
+  const std::string_view major = type.substr(0, type.find('/'));
+  double quality = 0;
+  int best = -1;
+  split(accept, ',', [&](std::string_view range) {
+    std::string_view media = range.substr(0, range.find(';'));
+    const std::string wanted = lower(trimmed(media));
+    const int specificity = wanted == type ? 2 : wanted == std::string(major) + "/*" ? 1 : wanted == "*/*" ? 0 : -1;
+    if (specificity <= best) return;
+    best = specificity;
+    quality = 1;
+    split(range.substr(media.size()), ';', [&](std::string_view parameter) {
+      if (lower(parameter.substr(0, 2)) == "q=") quality = parse_number<double>(parameter.substr(2)).value_or(1);
+    });
+  });
+  return std::clamp(quality, 0.0, 1.0);
+}
+
+std::size_t negotiate(std::string_view accept, std::span<const std::string_view> types) {
+  std::size_t best = types.size();
+  double quality = 0;
+  for (std::size_t i = 0; i < types.size(); ++i) {
+    if (const double q = acceptability(accept, types[i]); q > quality) best = i, quality = q;
+  }
+  if (best == types.size()) {
+    std::string list;
+    for (const std::string_view type : types) list += (list.empty() ? "" : ", ") + std::string(type);
+    throw HttpError(406, "Ask for a media type that this resource has: " + list + ".");
+  }
+  return best;
+}
+
+std::string media_type(std::string_view content_type) {
+  return lower(trimmed(content_type.substr(0, content_type.find(';'))));
+}
+
+std::optional<std::chrono::seconds> preferred_wait(const Request& request) {
+  std::optional<std::chrono::seconds> wait;
+  for (const auto& [name, value] : request.headers) {
+    if (lower(name) != "prefer") continue;
+    split(value, ',', [&](std::string_view preference) {
+      const std::string word = lower(preference.substr(0, preference.find(';')));
+      // RFC 7240: the first of repeated preferences counts, malformed ones are ignored.
+      if (wait) return;
+      if (word == "respond-async") wait = std::chrono::seconds(0);
+      if (!word.starts_with("wait=")) return;
+      std::string_view number = trimmed(std::string_view(word).substr(5));
+      if (number.size() > 1 && number.front() == '"' && number.back() == '"') {
+        number = number.substr(1, number.size() - 2);
+      }
+      if (const auto seconds = parse_number<std::uint32_t>(number)) wait = std::chrono::seconds(*seconds);
+    });
+  }
+  return wait;
+}
+
+std::optional<ByteRange> byte_range(std::string_view range, std::uint64_t bytes) {
+  if (!range.starts_with("bytes=") || range.find(',') != std::string_view::npos) return std::nullopt;
+  range = trimmed(range.substr(6));
+  const std::size_t dash = range.find('-');
+  if (dash == std::string_view::npos) return std::nullopt;
+  const std::string_view from = range.substr(0, dash), to = range.substr(dash + 1);
+  const auto first = parse_number<std::uint64_t>(from), last = parse_number<std::uint64_t>(to);
+  if ((!from.empty() && !first) || (!to.empty() && !last) || (!first && !last)) return std::nullopt;
+  if (first && last && *last < *first) return std::nullopt;
+  const std::uint64_t begin = first ? *first : bytes - std::min(bytes, *last);
+  const std::uint64_t end = first && last && *last < bytes ? *last + 1 : bytes;
+  if (begin >= bytes || begin >= end) {
+    throw HttpError(416, "Ask for a range within the content's " + std::to_string(bytes) + " bytes.",
+                    {{"Content-Range", "bytes */" + std::to_string(bytes)}});
+  }
+  return ByteRange{begin, end - begin};
+}
+
+bool matches_etag(std::string_view if_none_match, std::string_view etag) {
+  bool found = trimmed(if_none_match) == "*";
+  split(if_none_match, ',', [&](std::string_view tag) {
+    if (tag.starts_with("W/")) tag.remove_prefix(2);
+    found = found || tag == etag;
+  });
+  return found;
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// What a request says, checked: query parameters, JSON bodies, and the headers that negotiate. Whatever is unknown is
+// refused by name.
+#pragma once
+
+#include <chrono>
+#include <initializer_list>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/http.h"
+
+namespace spherule::api {
+
+/// The query parameters of a request, of which only `known` may occur, each once and in UTF-8. The functions throw
+/// invalid_argument with the parameter's name as pointer.
+class Query {
+ public:
+  Query(const Request& request, std::initializer_list<std::string_view> known);
+
+  std::optional<std::string> text(std::string_view name) const;
+  /// A whole number within [least, most].
+  std::optional<std::int64_t> integer(std::string_view name, std::int64_t least, std::int64_t most) const;
+  /// Exactly `count` numbers with commas between.
+  std::optional<std::vector<double>> numbers(std::string_view name, std::size_t count) const;
+  /// One of `choices`.
+  std::optional<std::string> choice(std::string_view name, std::initializer_list<std::string_view> choices) const;
+
+ private:
+  const Request& request_;
+};
+
+/// `?limit=&cursor=`, limit within 1 … 1000, default 100.
+PageRequest page_request(const Query& query);
+
+/// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
+VolumeParameters volume_parameters(const Request& request);
+
+/// The body of POST /v1/models as it was sent.
+struct ModelWish {
+  std::string volume;
+  ObjectRule rule;
+  bool side_given = false;  ///< else rule.side is still to be filled in
+};
+/// Throws malformed for text that is not JSON, invalid_argument with a JSON pointer for every field that is unknown,
+/// missing or of the wrong kind.
+ModelWish model_wish(std::string_view json);
+
+/// Whether `accept` (an Accept header; empty accepts all) allows `type`; its quality, 0 … 1, by the most specific
+/// range.
+double acceptability(std::string_view accept, std::string_view type);
+/// The index of the best of `types` for this Accept header, the first among equals. Throws HttpError 406.
+std::size_t negotiate(std::string_view accept, std::span<const std::string_view> types);
+
+/// The media type of a Content-Type header without its parameters, in lower case.
+std::string media_type(std::string_view content_type);
+
+/// `wait=N` of Prefer headers, in seconds, if any; `respond-async` is wait=0.
+std::optional<std::chrono::seconds> preferred_wait(const Request& request);
+
+/// The part of `bytes` that a Range header asks for: nothing for no header, another unit, several ranges or a malformed
+/// one (the whole is served then). Throws HttpError 416 for a range that starts past the end.
+struct ByteRange {
+  std::uint64_t offset = 0, length = 0;
+};
+std::optional<ByteRange> byte_range(std::string_view range, std::uint64_t bytes);
+
+/// Whether an If-None-Match header names this entity tag.
+bool matches_etag(std::string_view if_none_match, std::string_view etag);
+
+}  // namespace spherule::api

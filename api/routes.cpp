@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/routes.h"
+
+#include <algorithm>
+#include <array>
+#include <new>
+#include <optional>
+
+#include "api/handlers.h"
+#include "api/problem.h"
+#include "api/requests.h"
+
+namespace spherule::api {
+
+namespace {
+
+struct Route {
+  Operation operation;
+  Response (*handler)(const Call&);
+};
+
+constexpr auto kRoutes = std::to_array<Route>({
+    {{"GET", "/v1/volumes"}, list_volumes},
+    {{"POST", "/v1/volumes"}, post_volume},
+    {{"GET", "/v1/volumes/{volume}"}, get_volume},
+    {{"DELETE", "/v1/volumes/{volume}"}, delete_volume},
+    {{"GET", "/v1/volumes/{volume}/content"}, get_volume_content},
+    {{"GET", "/v1/volumes/{volume}/histogram"}, get_volume_histogram},
+    {{"GET", "/v1/models"}, list_models},
+    {{"POST", "/v1/models"}, post_model},
+    {{"GET", "/v1/models/{model}"}, get_model},
+    {{"DELETE", "/v1/models/{model}"}, delete_model},
+    {{"GET", "/v1/models/{model}/spheres"}, get_spheres},
+    {{"GET", "/v1/models/{model}/measures"}, get_measures},
+    {{"GET", "/v1/models/{model}/histogram"}, get_radius_histogram},
+    {{"GET", "/v1/models/{model}/checks"}, get_checks},
+    {{"GET", "/v1/models/{model}/render"}, get_render},
+    {{"GET", "/v1/models/{model}/exports/{format}"}, get_export},
+    {{"GET", "/v1/jobs"}, list_jobs},
+    {{"GET", "/v1/jobs/{job}"}, get_job},
+    {{"POST", "/v1/jobs/{job}/cancel"}, cancel_job},
+    {{"GET", "/v1/jobs/{job}/events"}, get_job_events},
+    {{"GET", "/livez"}, get_livez},
+    {{"GET", "/readyz"}, get_readyz},
+    {{"GET", "/version"}, get_version},
+    {{"GET", "/openapi.yaml"}, get_contract},
+    {{"GET", "/docs"}, get_docs},
+});
+
+constexpr auto kOperations = [] {
+  std::array<Operation, kRoutes.size()> operations{};
+  for (std::size_t i = 0; i < kRoutes.size(); ++i) operations[i] = kRoutes[i].operation;
+  return operations;
+}();
+
+// The path's parameters when it fits the template.
+std::optional<std::vector<std::string>> match(std::string_view pattern, std::string_view path) {
+  std::vector<std::string> parameters;
+  while (!pattern.empty() && !path.empty()) {
+    // Both start with a slash here.
+    const std::size_t pattern_end = std::min(pattern.find('/', 1), pattern.size());
+    const std::size_t path_end = std::min(path.find('/', 1), path.size());
+    const std::string_view wanted = pattern.substr(1, pattern_end - 1), given = path.substr(1, path_end - 1);
+    if (wanted.starts_with('{')) {
+      if (given.empty()) return std::nullopt;
+      parameters.emplace_back(given);
+    } else if (wanted != given) {
+      return std::nullopt;
+    }
+    pattern.remove_prefix(pattern_end);
+    path.remove_prefix(path_end);
+  }
+  if (!pattern.empty() || !path.empty()) return std::nullopt;
+  return parameters;
+}
+
+Response dispatch(Service& service, const Request& request, std::string_view& asked) {
+  const std::string_view method = request.method == "HEAD" ? std::string_view("GET") : request.method;
+  std::string allowed;
+  if (request.path.starts_with('/')) {
+    for (const Route& route : kRoutes) {
+      auto parameters = match(route.operation.path, request.path);
+      if (!parameters) continue;
+      asked = route.operation.path;
+      if (route.operation.method == method) return route.handler({service, request, std::move(*parameters)});
+      allowed += (allowed.empty() ? "" : ", ") + std::string(route.operation.method);
+      if (route.operation.method == "GET") allowed += ", HEAD";
+    }
+  }
+  if (allowed.empty()) throw HttpError(404, "There is nothing at this path; /openapi.yaml lists what there is.");
+  allowed += ", OPTIONS";
+  if (request.method == "OPTIONS") {
+    Response response{.status = 204};
+    response.set("Allow", allowed);
+    return response;
+  }
+  throw HttpError(405, "Use one of the methods " + allowed + " here.", {{"Allow", allowed}});
+}
+
+// FNV-1a, 64 bits: tells versions of one document apart.
+std::string fingerprint(std::string_view bytes) {
+  std::uint64_t hash = 0xcbf29ce484222325U;
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+  std::string tag = "\"0000000000000000\"";
+  for (std::size_t i = 16; i > 0; --i, hash >>= 4) tag[i] = "0123456789abcdef"[hash & 15];
+  return tag;
+}
+
+void validate_cache(const Request& request, Response& response) {
+  if ((request.method != "GET" && request.method != "HEAD") || response.status != 200) return;
+  if (response.header("ETag").empty()) {
+    const auto* text = std::get_if<std::string>(&response.body);
+    if (text == nullptr) return;
+    response.set("ETag", fingerprint(*text));
+  }
+  if (response.header("Cache-Control").empty()) response.set("Cache-Control", "private, no-cache");
+  const std::string_view known = request.header("If-None-Match");
+  if (known.empty() || !matches_etag(known, response.header("ETag"))) return;
+  response.status = 304;
+  response.body = std::string();
+  std::erase_if(response.headers, [](const auto& header) {
+    return header.first == "Content-Type" || header.first == "Content-Disposition";
+  });
+}
+
+Response answer(Service& service, const Request& request, std::string_view& asked) {
+  try {
+    Response response = dispatch(service, request, asked);
+    validate_cache(request, response);
+    return response;
+  } catch (const Error& error) {
+    return problem(error, request.id);
+  } catch (const HttpError& error) {
+    return problem(error, request.id);
+  } catch (const std::bad_alloc&) {
+    return problem(Error(ErrorCode::busy, "The server is short of memory; try again later, or with less data."),
+                   request.id);
+  } catch (...) {
+    return problem(500, request.id);
+  }
+}
+
+}  // namespace
+
+std::span<const Operation> operations() { return kOperations; }
+
+Response handle(Service& service, const Request& request) {
+  std::string_view asked;
+  Response response = answer(service, request, asked);
+  response.route = asked;
+  if (!request.id.empty()) response.set("X-Request-Id", request.id);
+  response.set("X-Content-Type-Options", "nosniff");
+  return response;
+}
+
+Response json_response(const Call& call, std::string document, int status) {
+  constexpr std::array<std::string_view, 1> types = {"application/json"};
+  negotiate(call.request.header("Accept"), types);
+  Response response{.status = status, .body = std::move(document)};
+  response.set("Content-Type", "application/json");
+  return response;
+}
+
+Response content_response(const Call& call, Content content, std::string type, const std::string& filename) {
+  const std::string etag = "\"" + content.sha256 + "\"";
+  const std::string_view if_range = call.request.header("If-Range");
+  ContentPart part{.content = std::move(content), .offset = 0, .length = 0};
+  part.length = part.content.bytes;
+  Response response;
+  if (if_range.empty() || if_range == etag) {
+    if (const auto range = byte_range(call.request.header("Range"), part.content.bytes)) {
+      response.status = 206;
+      response.set("Content-Range", "bytes " + std::to_string(range->offset) + "-" +
+                                        std::to_string(range->offset + range->length - 1) + "/" +
+                                        std::to_string(part.content.bytes));
+      part.offset = range->offset;
+      part.length = range->length;
+    }
+  }
+  response.set("Content-Type", std::move(type));
+  response.set("ETag", etag);
+  response.set("Accept-Ranges", "bytes");
+  if (!filename.empty()) response.set("Content-Disposition", "attachment; filename=\"" + filename + "\"");
+  response.body = std::move(part);
+  return response;
+}
+
+void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next) {
+  if (next.empty()) return;
+  std::string cursor;
+  for (const char c : next) {
+    constexpr std::string_view hex = "0123456789ABCDEF";
+    const auto byte = static_cast<unsigned char>(c);
+    if ((c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' || c == '_' ||
+        c == '.') {
+      cursor += c;
+    } else {
+      cursor += {'%', hex[byte >> 4], hex[byte & 15]};
+    }
+  }
+  response.set("Link", "<" + path + "?limit=" + std::to_string(page.limit) + "&cursor=" + cursor + ">; rel=\"next\"");
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// What the REST interface asks of the program behind it, in the program's own words. server/pipeline.* implements it;
+// tests of api/ stand a stub here. It knows no HTTP and no JSON.
+//
+// Every method is thread safe and throws Error and nothing else for anything that input, limits or the outside world
+// can cause: not_found for an id that nothing bears, whatever the id looks like.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "core/base/geometry.h"
+#include "core/checks.h"
+#include "core/inside.h"
+#include "core/io/read.h"
+#include "core/measure.h"
+#include "core/render/render.h"
+#include "core/volume.h"
+
+namespace spherule::api {
+
+using Time = std::chrono::system_clock::time_point;
+
+/// Open, immutable bytes. They stay readable while this is held, also when what they belong to is deleted.
+struct Content {
+  std::uint64_t bytes = 0;
+  std::string sha256;  ///< lower-case hex
+  /// Fills `out` from `offset` on; returns how many bytes there were: fewer than asked only at the end. Thread safe.
+  std::function<std::size_t(std::uint64_t offset, std::span<char> out)> read_at;
+};
+
+/// A page of a list: the entries after `cursor` (opaque, from the page before; empty: from the newest).
+struct PageRequest {
+  std::size_t limit = 100;
+  std::string cursor;
+};
+template <typename T>
+struct Page {
+  std::vector<T> items;
+  std::string next;  ///< cursor of the following page; empty on the last one
+};
+
+// ---------------------------------------------------------------------------------------------------------- volumes
+
+/// What a user says about the bytes, beyond the bytes: part of the volume's identity.
+struct VolumeParameters {
+  std::optional<RawLayout> raw;
+  std::optional<int> frame;
+  std::string grid;
+};
+
+struct StoredFile {
+  std::string name;  ///< plain; only one of several files has one. Never shown: it may name a patient
+  std::string sha256;
+  std::uint64_t bytes = 0;
+};
+
+struct VolumeInfo {
+  std::string id;
+  Time created;
+  std::vector<StoredFile> files;  ///< ascending by name
+  VolumeParameters parameters;
+  std::string format;
+  Grid grid;
+  VoxelType type = VoxelType::uint8;
+  double slope = 1, intercept = 0;
+  ValueRange range;
+  Side natural_side = Side::above;
+  std::vector<std::string> warnings;
+
+  std::uint64_t bytes() const;  ///< of all files
+};
+
+/// Files on their way in. What was begun and not stored vanishes with the object.
+class Upload {
+ public:
+  virtual ~Upload() = default;
+  /// Starts the next file. `name` may be a path of the sender: what follows its last slash is kept. Throws
+  /// invalid_argument for a name that occurs twice and for too many files.
+  virtual void begin_file(std::string_view name) = 0;
+  /// Appends to the file begun last. Throws no_space.
+  virtual void write(std::string_view piece) = 0;
+};
+
+struct StoredVolume {
+  VolumeInfo volume;
+  bool already_stored = false;
+};
+
+// ----------------------------------------------------------------------------------------------------------- models
+
+/// Which object of which volume. `rule.side` is natural_side when the user named none.
+struct ModelRequest {
+  std::string volume;
+  ObjectRule rule;
+};
+
+struct ModelInfo {
+  std::string id;
+  Time created;
+  std::string algorithm_version;
+  std::optional<ModelRequest> source;  ///< absent: imported
+  std::string imported_format;         ///< "csv" or "npy" when imported
+  std::uint64_t boundary_points = 0;
+  std::uint64_t tetrahedra = 0, inside_tetrahedra = 0;  ///< all finite cells of the tetrahedralization; those inside
+  std::uint64_t spheres = 0;
+  double boundary_point_density_mm = 0;
+  std::optional<VoxelMeasures> voxels;  ///< of the inside samples; absent when imported
+  Box bounds;
+  std::map<std::string, double> timings_s;  ///< by stage
+  std::vector<std::string> warnings;
+};
+
+enum class SphereFormat : std::uint8_t { csv, npy, ply, vtp };
+
+struct SpherePage {
+  std::uint64_t total = 0;
+  std::vector<Sphere> spheres;
+};
+
+/// What is made from one finished model and kept as the answer's bytes: a JSON document (documents.h), a picture, a
+/// file for other programs.
+struct MeasuresRequest {};
+struct ChecksRequest {};
+struct RenderRequest {
+  View view = View::anterior;
+  int width = 800, height = 800;
+};
+struct ExportRequest {
+  SphereFormat format = SphereFormat::csv;
+};
+struct DerivedRequest {
+  std::string model;
+  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest> what;
+};
+
+struct SphereMeasures {
+  std::uint64_t count = 0;
+  double radius_min_mm = 0, radius_max_mm = 0;
+};
+/// Of each representation that the model has.
+struct Measures {
+  std::optional<VoxelMeasures> voxels;
+  std::optional<TetrahedraMeasures> tetrahedra;
+  SphereMeasures spheres{};
+};
+
+// ------------------------------------------------------------------------------------------------------------- jobs
+
+enum class JobState : std::uint8_t { queued, running, cancelling, succeeded, failed, cancelled };
+/// Whether the job can change no more.
+constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
+
+struct JobInfo {
+  std::string id;
+  std::string kind;  ///< "model", "measures", "checks", "render" or "export"
+  JobState state = JobState::queued;
+  std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
+  double progress = 0;                        ///< 0 … 1 over all stages; never goes back
+  std::optional<std::size_t> queue_position;  ///< jobs ahead of a queued one
+  Time created;
+  std::optional<Time> started, finished;
+  std::optional<double> remaining_s;  ///< estimate while running
+  std::vector<std::string> warnings;
+  std::optional<Error> error;  ///< of a failed job; a failed job without one met a defect of the server
+  double elapsed_s = 0;        ///< of the run, so far or until its end
+  std::string result;          ///< path of the finished result; empty before
+};
+
+/// Something that happened to a job. Numbers ascend, also over restarts, but may have gaps.
+struct JobEvent {
+  enum class Type : std::uint8_t { state, progress, warning, end };
+  std::uint64_t number = 0;
+  Type type = Type::state;
+  JobState state = JobState::queued;
+  std::string stage{};
+  double progress = 0;
+  std::string warning{};
+};
+struct JobEvents {
+  std::vector<JobEvent> events;
+  bool over = false;  ///< nothing will follow
+};
+
+/// A result, or the job that will make it.
+template <typename T>
+using Outcome = std::variant<T, JobInfo>;
+
+struct StoredModel {
+  ModelInfo model;
+  bool already_stored = false;
+};
+
+// ---------------------------------------------------------------------------------------------------------- service
+
+struct Limits {
+  std::uint64_t upload_bytes = 0;        ///< of one request's body
+  std::uint64_t image_pixels = 0;        ///< of one picture
+  std::chrono::seconds longest_wait{0};  ///< of `Prefer: wait` and of derived answers
+};
+
+struct Readiness {
+  bool ready = false;
+  std::string reason;  ///< a sentence that says why not
+};
+
+struct About {
+  std::string version;            ///< of the program
+  std::string algorithm_version;  ///< of the models: part of their identity
+};
+
+class Service {
+ public:
+  using Seconds = std::chrono::duration<double>;
+
+  virtual ~Service() = default;
+
+  virtual About about() const = 0;
+  virtual Limits limits() const = 0;
+  virtual Readiness readiness() const = 0;
+
+  /// Begins an upload of `announced` bytes (0: unknown). Throws no_space when they cannot fit, busy.
+  virtual std::unique_ptr<Upload> start_upload(std::uint64_t announced) = 0;
+  /// Reads the uploaded files as a volume and keeps them: on the disk before this returns. Throws what read_volume
+  /// throws, and invalid_argument without any file.
+  virtual StoredVolume store_volume(std::unique_ptr<Upload> upload, const VolumeParameters& parameters) = 0;
+  virtual Page<VolumeInfo> volumes(const PageRequest& page) = 0;
+  virtual VolumeInfo volume(const std::string& id) = 0;
+  /// The bytes of file number `index` as they came. Throws not_found for an index past the last.
+  virtual Content volume_content(const std::string& id, std::size_t index) = 0;
+  /// Counts in equal intervals of the volume's range.
+  virtual std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) = 0;
+  /// Deletes the volume with all that was made from it.
+  virtual void delete_volume(const std::string& id) = 0;
+
+  /// The model of this request: at once when it exists, else a job is started (or the one that runs already is joined)
+  /// and waited for at most `wait`. Throws the job's error when it fails in that time; not_found without the volume;
+  /// busy when the queue is full.
+  virtual Outcome<StoredModel> make_model(const ModelRequest& request, Seconds wait) = 0;
+  /// A model of spheres that the user brings, in one uploaded file.
+  virtual StoredModel import_model(std::unique_ptr<Upload> upload, SphereFormat format) = 0;
+  virtual Page<ModelInfo> models(const PageRequest& page) = 0;
+  virtual ModelInfo model(const std::string& id) = 0;
+  virtual void delete_model(const std::string& id) = 0;
+  virtual SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) = 0;
+  virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) = 0;
+  /// Like make_model, for what is derived from a model: the finished answer's bytes. Throws unusable for measures and
+  /// checks that the model's kind does not have.
+  virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;
+
+  virtual Page<JobInfo> jobs(const PageRequest& page) = 0;
+  virtual JobInfo job(const std::string& id) = 0;
+  /// Events after number `after`, as soon as there are any; none when `wait` passes first.
+  virtual JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) = 0;
+  /// Throws conflict when the job is over.
+  virtual JobInfo cancel_job(const std::string& id) = 0;
+};
+
+}  // namespace spherule::api

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/documents.h"
+#include "api/handlers.h"
+#include "api/requests.h"
+
+namespace spherule::api {
+
+Response list_volumes(const Call& call) {
+  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
+  const Page<VolumeInfo> volumes = call.service.volumes(page);
+  Response response = json_response(call, volume_list_document(volumes));
+  link_next(response, "/v1/volumes", page, volumes.next);
+  return response;
+}
+
+Response post_volume(const Call& call) {
+  const VolumeParameters parameters = volume_parameters(call.request);
+  Body* body = call.request.body;
+  if (body == nullptr || !body->present()) {
+    throw Error(ErrorCode::invalid_argument, "Send the bytes of a volume as the body.");
+  }
+  std::unique_ptr<Upload> upload = call.service.start_upload(body->announced());
+  const std::uint64_t limit = call.service.limits().upload_bytes;
+  const auto take = [&](std::string_view piece) { upload->write(piece); };
+  if (media_type(call.request.header("Content-Type")) == "multipart/form-data") {
+    body->read_parts(
+        limit,
+        [&](std::string_view name, std::string_view filename) {
+          if (name != "file") {
+            throw Error(ErrorCode::invalid_argument, "Name every part of the form \"file\".");
+          }
+          upload->begin_file(filename);
+        },
+        take);
+  } else {
+    upload->begin_file({});
+    body->read(limit, take);
+  }
+  const StoredVolume stored = call.service.store_volume(std::move(upload), parameters);
+  Response response = json_response(call, stored_volume_document(stored), stored.already_stored ? 200 : 201);
+  response.set("Location", "/v1/volumes/" + stored.volume.id);
+  return response;
+}
+
+Response get_volume(const Call& call) {
+  const Query query(call.request, {});
+  return json_response(call, volume_document(call.service.volume(call.id())));
+}
+
+Response delete_volume(const Call& call) {
+  const Query query(call.request, {});
+  call.service.delete_volume(call.id());
+  return {.status = 204};
+}
+
+Response get_volume_content(const Call& call) {
+  const Query query(call.request, {"file"});
+  const auto index = static_cast<std::size_t>(query.integer("file", 0, 0x7fffffff).value_or(0));
+  // As what it is would be a guess, and a page of somebody else's making must never run as ours.
+  return content_response(call, call.service.volume_content(call.id(), index), "application/octet-stream",
+                          call.id() + "-" + std::to_string(index));
+}
+
+Response get_volume_histogram(const Call& call) {
+  const Query query(call.request, {"buckets"});
+  const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(256));
+  const VolumeInfo volume = call.service.volume(call.id());
+  return json_response(call, value_histogram_document(volume, call.service.value_histogram(call.id(), buckets)));
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// HTTP/1.1 on a socket: carries api::Request and api::Response to and from the network. The only user of the HTTP
+// library.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "api/http.h"
+
+namespace spherule::server {
+
+struct ListenerOptions {
+  std::string host = "127.0.0.1";
+  std::uint16_t port = 0;             ///< 0: any free one
+  std::uint64_t max_body_bytes = 0;   ///< bodies announced larger are refused before they are sent
+  std::size_t max_streams = 32;       ///< event streams at once; further ones are refused
+  std::size_t max_requests = 96;      ///< answered at once beside the streams; further ones wait
+  unsigned read_timeout_s = 15;       ///< for the next piece of a request
+  unsigned write_timeout_s = 30;      ///< for the next piece of an answer
+  unsigned keep_alive_timeout_s = 5;  ///< for the next request of a connection
+};
+
+/// What one answered request was, without anything that a client wrote.
+struct AccessRecord {
+  std::string request_id;
+  std::string method;
+  std::string route;  ///< template of the path; empty when nothing is there
+  int status = 0;
+  double seconds = 0;  ///< until the answer was ready to be sent
+};
+
+class Listener {
+ public:
+  /// Called from many threads at once; must not throw.
+  using Handler = std::function<api::Response(const api::Request&)>;
+  using AccessLog = std::function<void(const AccessRecord&)>;
+
+  /// Binds the address. Throws busy when it is taken, invalid_argument when it is none.
+  Listener(ListenerOptions options, Handler handler, AccessLog log = {});
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  std::uint16_t port() const;
+
+  /// Answers requests until stop(); returns when the last one is answered.
+  void run();
+
+  /// Refuses new connections and ends the streams and uploads that are under way. Any thread; before or during run().
+  void stop();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace spherule::server

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/model_blob.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <span>
+#include <type_traits>
+
+namespace spherule::server {
+
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the format is this machine's own layout");
+static_assert(sizeof(LatticePoint) == 12 && sizeof(Tetrahedron) == 16 && sizeof(Sphere) == 32);
+
+constexpr std::string_view kMagic = "SPHERULE";
+constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kRaw = 1, kPlain = 2;
+constexpr std::size_t kPiece = 1 << 22;
+
+class Writer {
+ public:
+  explicit Writer(const std::function<void(std::string_view)>& append) : append_(append) {}
+
+  template <typename T>
+  void put(const T& value) {
+    put_all(std::span<const T>(&value, 1));
+  }
+  template <typename T>
+  void put_all(std::span<const T> values) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    std::string_view bytes(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+    for (; !bytes.empty(); bytes.remove_prefix(std::min(bytes.size(), kPiece))) append_(bytes.substr(0, kPiece));
+  }
+
+ private:
+  const std::function<void(std::string_view)>& append_;
+};
+
+[[noreturn]] void refuse() {
+  throw Error(ErrorCode::corrupt, "The stored model is damaged; delete it and make it again.");
+}
+
+void require(bool good) {
+  if (!good) refuse();
+}
+
+class Reader {
+ public:
+  explicit Reader(const Blob& blob) : blob_(blob) {}
+
+  template <typename T>
+  T get() {
+    T value{};
+    get_all(std::span<T>(&value, 1));
+    return value;
+  }
+  template <typename T>
+  void get_all(std::span<T> values) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    const std::span bytes(reinterpret_cast<char*>(values.data()), values.size_bytes());
+    require(blob_.read_at(at_, bytes) == bytes.size());
+    at_ += bytes.size();
+  }
+  /// A vector of exactly `count` values, when so many are left.
+  template <typename T>
+  std::vector<T> get_vector(std::uint64_t count) {
+    require(count <= left() / sizeof(T));
+    std::vector<T> values(count);
+    get_all(std::span<T>(values));
+    return values;
+  }
+  std::uint64_t left() const { return blob_.size() - std::min(blob_.size(), at_); }
+
+ private:
+  const Blob& blob_;
+  std::uint64_t at_ = 0;
+};
+
+Solid read_solid(Reader& in) {
+  Solid solid;
+  Lattice& lattice = solid.boundary.lattice;
+  Grid& grid = lattice.grid;
+  for (std::int32_t& n : grid.dims) require((n = in.get<std::int32_t>()) >= 1);
+  for (int a = 0; a < 3; ++a) grid.spacing[a] = in.get<double>();
+  for (int a = 0; a < 3; ++a) grid.origin[a] = in.get<double>();
+  for (Vec3& row : grid.direction.rows) {
+    for (int a = 0; a < 3; ++a) row[a] = in.get<double>();
+  }
+  lattice.unit_mm = in.get<double>();
+  require(lattice.unit_mm > 0 && std::isfinite(lattice.unit_mm));
+  for (std::size_t a = 0; a < 3; ++a) {
+    lattice.planes[a] = in.get_vector<std::int32_t>(static_cast<std::uint64_t>(grid.dims[a]) + 2);
+    require(std::ranges::is_sorted(lattice.planes[a]));
+  }
+  solid.boundary.touches_border = in.get<std::uint64_t>() != 0;
+  const auto points = in.get<std::uint64_t>(), cells = in.get<std::uint64_t>();
+  solid.inside_count = in.get<std::uint64_t>();
+  require(solid.inside_count <= cells && points <= in.left() / sizeof(LatticePoint) &&
+          cells == (in.left() - points * sizeof(LatticePoint)) / sizeof(Tetrahedron));
+  solid.boundary.points = in.get_vector<LatticePoint>(points);
+  solid.cells = in.get_vector<Tetrahedron>(cells);
+  constexpr std::int32_t limit = 1 << Lattice::coordinate_bits;
+  require(std::ranges::all_of(solid.boundary.points, [](const LatticePoint& p) {
+    return p.x >= 0 && p.x < limit && p.y >= 0 && p.y < limit && p.z >= 0 && p.z < limit;
+  }));
+  require(std::ranges::all_of(solid.cells, [&](const Tetrahedron& t) {
+    return std::ranges::all_of(t, [&](std::uint32_t v) { return v < points; });
+  }));
+  return solid;
+}
+
+}  // namespace
+
+void write_model(const SphereModel& model, const std::function<void(std::string_view)>& append) {
+  Writer out(append);
+  out.put_all(std::span<const char>(kMagic));
+  out.put(kVersion);
+  out.put(model.solid ? kRaw : kPlain);
+  if (!model.solid) {
+    out.put<std::uint64_t>(model.spheres.size());
+    out.put_all(std::span<const Sphere>(model.spheres));
+    return;
+  }
+  const BoundaryPoints& boundary = model.solid->boundary;
+  const Grid& grid = boundary.lattice.grid;
+  out.put(grid.dims);
+  out.put(grid.spacing);
+  out.put(grid.origin);
+  out.put(grid.direction);
+  out.put(boundary.lattice.unit_mm);
+  for (const auto& planes : boundary.lattice.planes) out.put_all(std::span<const std::int32_t>(planes));
+  out.put<std::uint64_t>(boundary.touches_border ? 1 : 0);
+  out.put<std::uint64_t>(boundary.points.size());
+  out.put<std::uint64_t>(model.solid->cells.size());
+  out.put<std::uint64_t>(model.solid->inside_count);
+  out.put_all(std::span<const LatticePoint>(boundary.points));
+  out.put_all(std::span<const Tetrahedron>(model.solid->cells));
+}
+
+SphereModel read_model(const Blob& blob, const Context& context) {
+  Reader in(blob);
+  std::array<char, kMagic.size()> magic{};
+  in.get_all(std::span<char>(magic));
+  require(std::string_view(magic.data(), magic.size()) == kMagic && in.get<std::uint32_t>() == kVersion);
+  const auto kind = in.get<std::uint32_t>();
+  SphereModel model;
+  if (kind == kRaw) {
+    model.solid = read_solid(in);
+    const Solid& solid = *model.solid;
+    model.spheres =
+        circumspheres(solid.boundary.lattice, solid.boundary.points, solid.cells, solid.inside_count, context);
+  } else {
+    require(kind == kPlain);
+    model.spheres = in.get_vector<Sphere>(in.get<std::uint64_t>());
+    require(std::ranges::all_of(model.spheres, [](const Sphere& s) {
+      return std::isfinite(squared_norm(s.centre)) && s.radius >= 0 && std::isfinite(s.radius);
+    }));
+  }
+  require(in.left() == 0);
+  return model;
+}
+
+std::size_t bytes_in_memory(const SphereModel& model) {
+  std::size_t bytes = sizeof model + model.spheres.capacity() * sizeof(Sphere);
+  if (model.solid) {
+    bytes += model.solid->boundary.points.capacity() * sizeof(LatticePoint) +
+             model.solid->cells.capacity() * sizeof(Tetrahedron);
+    for (const auto& planes : model.solid->boundary.lattice.planes) bytes += planes.capacity() * sizeof(std::int32_t);
+  }
+  return bytes;
+}
+
+}  // namespace spherule::server

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The program behind the interface: uploads become stored volumes, requests become jobs that run the stages of core/,
+// and what they make is kept in the store. Implements what api/ asks for.
+//
+// A model's job: read -> boundary -> delaunay -> spheres -> store. An answer that is derived from a model (measures,
+// checks, pictures, exports) is a job too, and its bytes are kept as they will be sent.
+#pragma once
+
+#include <chrono>
+#include <memory>
+
+#include "api/service.h"
+#include "server/config.h"
+#include "server/jobs.h"
+
+namespace spherule::server {
+
+class Pipeline final : public api::Service {
+ public:
+  /// Opens the store in config.data (made if needed) and takes up the jobs that an earlier process left. Throws busy
+  /// when another process uses that folder, and what Catalog and FileBlobStore throw.
+  explicit Pipeline(const Config& config, FaultLog log = {});
+  ~Pipeline() override;
+
+  /// Starts no more jobs, gives running ones `grace` to finish and then stops them; they run again at the next start.
+  /// Ends every wait.
+  void stop(std::chrono::milliseconds grace);
+
+  api::About about() const override;
+  api::Limits limits() const override;
+  api::Readiness readiness() const override;
+  std::unique_ptr<api::Upload> start_upload(std::uint64_t announced) override;
+  api::StoredVolume store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters) override;
+  api::Page<api::VolumeInfo> volumes(const api::PageRequest& page) override;
+  api::VolumeInfo volume(const std::string& id) override;
+  api::Content volume_content(const std::string& id, std::size_t index) override;
+  std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) override;
+  void delete_volume(const std::string& id) override;
+  api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override;
+  api::StoredModel import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) override;
+  api::Page<api::ModelInfo> models(const api::PageRequest& page) override;
+  api::ModelInfo model(const std::string& id) override;
+  void delete_model(const std::string& id) override;
+  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) override;
+  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) override;
+  api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override;
+  api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;
+  api::JobInfo job(const std::string& id) override;
+  api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) override;
+  api::JobInfo cancel_job(const std::string& id) override;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace spherule::server

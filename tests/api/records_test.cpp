@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gtest/gtest.h>
+
+#include "api/documents.h"
+#include "core/base/error.h"
+#include "tests/api/stub.h"
+
+namespace spherule::test {
+namespace {
+
+using namespace api;
+
+TEST(Records, OfVolumesReadBack) {
+  VolumeInfo v = StubService::volume_info();
+  v.parameters.raw.emplace();
+  v.parameters.raw->dims = {1, 2, 3};
+  v.parameters.raw->type = VoxelType::float64;
+  v.parameters.raw->spacing = {0.1, 0.2, 0.3};
+  v.parameters.raw->big_endian = true;
+  v.parameters.frame = 4;
+  v.parameters.grid = "dichte";
+  v.grid.direction.rows[0] = {0.6, -0.8, 0};
+  v.slope = 1.0 / 3;
+  const VolumeInfo w = volume_from(record_of(v));
+  EXPECT_EQ(record_of(w), record_of(v));
+  EXPECT_EQ(w.created, v.created);
+  EXPECT_EQ(w.files[1].name, "Doe^Jane.img");
+  EXPECT_EQ(w.grid.direction, v.grid.direction);
+  EXPECT_EQ(w.slope, v.slope);
+  EXPECT_EQ(w.natural_side, Side::below);
+  EXPECT_EQ(w.parameters.raw->type, VoxelType::float64);
+  EXPECT_TRUE(w.parameters.raw->big_endian);
+}
+
+TEST(Records, OfModelsReadBack) {
+  for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info()}) {
+    EXPECT_EQ(record_of(model_from(record_of(m))), record_of(m));
+    EXPECT_EQ(model_document(model_from(record_of(m))), model_document(m));
+  }
+}
+
+TEST(Records, OfRequestsReadBack) {
+  ModelRequest request{.volume = kVolume, .rule = {}};
+  for (const auto kind : {ObjectRule::Kind::threshold, ObjectRule::Kind::range, ObjectRule::Kind::labels}) {
+    request.rule = {};
+    request.rule.kind = kind;
+    request.rule.side = Side::below;
+    request.rule.border = Border::open;
+    if (kind == ObjectRule::Kind::labels) {
+      request.rule.labels = {-9007199254740993, 9223372036854775807};
+    } else {
+      request.rule.lo = -1e-300;
+      request.rule.hi = kind == ObjectRule::Kind::range ? 0.1 : 0;
+    }
+    const ModelRequest again = model_request_from(record_of(request));
+    EXPECT_EQ(again.volume, request.volume);
+    EXPECT_EQ(again.rule, request.rule);
+  }
+  for (const DerivedRequest& derived : std::vector<DerivedRequest>{{kModel, MeasuresRequest{}},
+                                                                   {kModel, ChecksRequest{}},
+                                                                   {kModel, RenderRequest{View::left, 3, 4}},
+                                                                   {kModel, ExportRequest{SphereFormat::vtp}}}) {
+    EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
+  }
+}
+
+TEST(Records, ThatAreDamagedAreCorrupt) {
+  for (const char* text : {"", "{", "{}", "[]", R"({"id": 5})"}) {
+    try {
+      static_cast<void>(volume_from(text));
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::corrupt);
+    }
+  }
+}
+
+TEST(Identity, OfAVolumeIsItsBytesAndParameters) {
+  const std::vector<StoredFile> one = {{.name = {}, .sha256 = std::string(64, '1'), .bytes = 5}};
+  std::vector<StoredFile> renamed = one;
+  renamed[0].name = "other";
+  EXPECT_EQ(identity_of(one, {}), identity_of(renamed, {})) << "one file needs no name";
+  EXPECT_EQ(identity_of(one, {}),
+            R"({"files":[{"bytes":5,"sha256":")" + std::string(64, '1') + R"("}],"parameters":{}})");
+  VolumeParameters parameters;
+  parameters.frame = 0;
+  EXPECT_NE(identity_of(one, {}), identity_of(one, parameters));
+  std::vector<StoredFile> two = {one[0], one[0]};
+  two[0].name = "a";
+  two[1].name = "b";
+  std::vector<StoredFile> other = two;
+  other[1].name = "c";
+  EXPECT_NE(identity_of(two, {}), identity_of(other, {})) << "a header names its data";
+}
+
+TEST(Identity, OfAModelIsWhatWasAskedAndTheAlgorithm) {
+  ModelRequest request{.volume = kVolume, .rule = {}};
+  request.rule.lo = 0.0;
+  const std::string identity = identity_of(request, "1");
+  EXPECT_EQ(identity,
+            R"({"algorithm_version":"1","request":{"border":"closed","inside":"above","threshold":0.0,"volume":")" +
+                kVolume + R"("}})");
+  EXPECT_NE(identity, identity_of(request, "2"));
+  request.rule.lo = -0.0;
+  EXPECT_EQ(identity, identity_of(request, "1")) << "minus zero is zero";
+  request.rule.border = Border::open;
+  EXPECT_NE(identity, identity_of(request, "1"));
+}
+
+TEST(Times, AreIsoUtcToTheMillisecond) {
+  EXPECT_EQ(iso_time(Time(std::chrono::milliseconds(0))), "1970-01-01T00:00:00.000Z");
+  EXPECT_EQ(iso_time(Time(std::chrono::milliseconds(1'700'000'000'007))), "2023-11-14T22:13:20.007Z");
+}
+
+}  // namespace
+}  // namespace spherule::test

@@ -1,0 +1,523 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/routes.h"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "api/problem.h"
+#include "tests/api/stub.h"
+#include "tests/contract/contract.h"
+
+namespace spherule::test {
+namespace {
+
+using api::Response;
+using Json = nlohmann::json;
+
+const std::string kWish = R"({"volume": ")" + kVolume + R"(", "threshold": 60.5})";
+
+struct Extra {
+  std::vector<std::pair<std::string, std::string>> headers{};
+  std::string body{};
+};
+
+class Routes : public testing::Test {
+ protected:
+  // Asks, and holds every answer against the contract.
+  Response ask(const std::string& method, const std::string& target, Extra extra = {}) {
+    StubBody body(extra.body);
+    return ask_with(method, target, std::move(extra.headers), &body);
+  }
+  Response ask_with(const std::string& method, const std::string& target,
+                    std::vector<std::pair<std::string, std::string>> headers, api::Body* body) {
+    api::Request request{.method = method, .path = target.substr(0, target.find('?')), .id = "req_1", .body = body};
+    request.headers = std::move(headers);
+    if (const std::size_t at = target.find('?'); at != std::string::npos) {
+      std::string_view query = std::string_view(target).substr(at + 1);
+      while (!query.empty()) {
+        const std::string_view pair = query.substr(0, query.find('&'));
+        const std::size_t equals = std::min(pair.find('='), pair.size());
+        request.query.emplace_back(pair.substr(0, equals), pair.substr(std::min(equals + 1, pair.size())));
+        query.remove_prefix(std::min(pair.size() + 1, query.size()));
+      }
+    }
+    Response response = api::handle(service, request);
+    EXPECT_EQ(response.header("X-Request-Id"), "req_1");
+    if (!template_of(request.path).empty() && response.status != 405 && method != "OPTIONS") {
+      std::string text;
+      if (const auto* whole = std::get_if<std::string>(&response.body)) text = *whole;
+      if (const auto* part = std::get_if<api::ContentPart>(&response.body)) {
+        text.resize(part->length);
+        part->content.read_at(part->offset, text);
+      }
+      for (const std::string& wrong :
+           violations(method, request.path, response.status, response.header("Content-Type"), text)) {
+        ADD_FAILURE() << wrong;
+      }
+    }
+    if (response.status >= 400) {
+      EXPECT_EQ(response.header("Content-Type"), "application/problem+json");
+      const Json json = body_of(response);
+      EXPECT_EQ(json["status"], response.status);
+      EXPECT_EQ(json["instance"], "req_1");
+      EXPECT_EQ(json["detail"].get<std::string>().back(), '.');
+    }
+    return response;
+  }
+  static Json body_of(const Response& response) { return Json::parse(std::get<std::string>(response.body)); }
+  static std::string pointers(const Response& response) {
+    std::string list;
+    const Json json = body_of(response);
+    for (const Json& error : json.value("errors", Json::array())) list += error["pointer"].get<std::string>() + " ";
+    return list;
+  }
+
+  StubService service;
+};
+
+TEST_F(Routes, AreTheOperationsOfTheContractInItsOrder) {
+  std::vector<std::pair<std::string, std::string>> table;
+  for (const api::Operation& operation : api::operations()) table.emplace_back(operation.method, operation.path);
+  EXPECT_EQ(table, contract_operations());
+  EXPECT_EQ(table.size(), 25U);
+}
+
+TEST_F(Routes, ContractKeepsToItsOwnSchemas) {
+  for (const std::string& wrong : example_violations()) ADD_FAILURE() << wrong;
+}
+
+TEST_F(Routes, AnswerEveryGetAndHead) {
+  for (const api::Operation& operation : api::operations()) {
+    if (operation.method != "GET" || operation.path.ends_with("/events")) continue;
+    std::string path(operation.path);
+    const auto fill = [&](const std::string& name, const std::string& value) {
+      if (const std::size_t at = path.find(name); at != std::string::npos) path.replace(at, name.size(), value);
+    };
+    fill("{volume}", kVolume);
+    fill("{model}", kModel);
+    fill("{job}", kJob);
+    fill("{format}", "ply");
+    EXPECT_EQ(ask("GET", path).status, 200) << path;
+    const Response head = ask("HEAD", path);
+    EXPECT_EQ(head.status, 200) << path;
+    EXPECT_FALSE(head.header("ETag").empty()) << path;
+    const Response again = ask("GET", path, {.headers = {{"If-None-Match", std::string(head.header("ETag"))}}});
+    EXPECT_EQ(again.status, 304) << path;
+    EXPECT_EQ(std::get<std::string>(again.body), "") << path;
+    EXPECT_EQ(ask("GET", path, {.headers = {{"If-None-Match", "\"other\", W/\"stale\""}}}).status, 200) << path;
+  }
+}
+
+TEST_F(Routes, RefuseWhatIsNotThere) {
+  EXPECT_EQ(ask("GET", "/").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/volumes/").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/volumes/" + kVolume + "/").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/volumes/" + kVolume + "/nothing").status, 404);
+  EXPECT_EQ(ask("GET", "v1/volumes").status, 404);
+  EXPECT_EQ(ask("GET", "").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/volumes/vol_0").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/models/" + kModel + "/exports/stl").status, 404);
+  EXPECT_EQ(ask("GET", "/v1/volumes/" + kVolume + "/content?file=2").status, 404);
+}
+
+TEST_F(Routes, RefuseOtherMethodsSayingWhichThereAre) {
+  const Response response = ask("PUT", "/v1/volumes");
+  EXPECT_EQ(response.status, 405);
+  EXPECT_EQ(response.header("Allow"), "GET, HEAD, POST, OPTIONS");
+  EXPECT_EQ(ask("POST", "/v1/volumes/" + kVolume).header("Allow"), "GET, HEAD, DELETE, OPTIONS");
+  const Response options = ask("OPTIONS", "/v1/jobs/" + kJob + "/cancel");
+  EXPECT_EQ(options.status, 204);
+  EXPECT_EQ(options.header("Allow"), "POST, OPTIONS");
+}
+
+TEST_F(Routes, RefuseUnknownParametersByName) {
+  EXPECT_EQ(pointers(ask("GET", "/v1/volumes?limit=5&page=2&sort=x")), "page sort ");
+  EXPECT_EQ(pointers(ask("GET", "/v1/volumes?limit=5&limit=6")), "limit ");
+  EXPECT_EQ(pointers(ask("GET", "/v1/models/" + kModel + "?x=1")), "x ");
+  EXPECT_EQ(pointers(ask("GET", "/v1/volumes?cursor=\xff")), "cursor ");
+  for (const char* limit : {"0", "1001", "-1", "1.5", "", "ten", "99999999999999999999"}) {
+    EXPECT_EQ(pointers(ask("GET", std::string("/v1/volumes?limit=") + limit)), "limit ") << limit;
+  }
+}
+
+TEST_F(Routes, ListInPages) {
+  const Response first = ask("GET", "/v1/volumes?limit=1");
+  EXPECT_EQ(service.page.limit, 1U);
+  EXPECT_EQ(first.header("Link"), "</v1/volumes?limit=1&cursor=next%2F1%2B>; rel=\"next\"");
+  EXPECT_EQ(body_of(first)["next_cursor"], "next/1+");
+  const Response last = ask("GET", "/v1/models?cursor=abc");
+  EXPECT_EQ(service.page.cursor, "abc");
+  EXPECT_EQ(service.page.limit, 100U);
+  EXPECT_EQ(last.header("Link"), "");
+  EXPECT_TRUE(body_of(last)["next_cursor"].is_null());
+}
+
+TEST_F(Routes, NeverShowNamesOfFiles) {
+  for (const std::string path : {"/v1/volumes", "/v1/volumes/"}) {
+    const Response response = ask("GET", path == "/v1/volumes" ? path : path + kVolume);
+    EXPECT_EQ(std::get<std::string>(response.body).find("Doe"), std::string::npos);
+  }
+}
+
+TEST_F(Routes, TakeUploadsOfOneFile) {
+  service.already_stored = false;
+  Response response = ask("POST", "/v1/volumes?frame=3&grid=density", {.body = "some bytes"});
+  EXPECT_EQ(response.status, 201);
+  EXPECT_EQ(response.header("Location"), "/v1/volumes/" + kVolume);
+  EXPECT_EQ(body_of(response)["already_stored"], false);
+  EXPECT_EQ(service.files, (std::vector<std::pair<std::string, std::string>>{{"", "some bytes"}}));
+  EXPECT_EQ(service.announced, 10U);
+  EXPECT_EQ(service.parameters.frame, 3);
+  EXPECT_EQ(service.parameters.grid, "density");
+  service.already_stored = true;
+  response = ask("POST", "/v1/volumes", {.body = "some bytes"});
+  EXPECT_EQ(response.status, 200);
+  EXPECT_EQ(body_of(response)["already_stored"], true);
+}
+
+TEST_F(Routes, TakeUploadsOfSeveralFiles) {
+  StubBody body({{"file", "a.mhd", "header"}, {"file", "a.raw", "data"}});
+  const Response response =
+      ask_with("POST", "/v1/volumes", {{"content-type", "Multipart/Form-Data; boundary=x"}}, &body);
+  EXPECT_EQ(response.status, 200);
+  EXPECT_EQ(service.files, (std::vector<std::pair<std::string, std::string>>{{"a.mhd", "header"}, {"a.raw", "data"}}));
+  StubBody wrong({{"scan", "a.mhd", "header"}});
+  EXPECT_EQ(ask_with("POST", "/v1/volumes", {{"Content-Type", "multipart/form-data; boundary=x"}}, &wrong).status, 400);
+}
+
+TEST_F(Routes, DescribeRawSamples) {
+  ask("POST", "/v1/volumes?format=raw&dims=4,5,6&dtype=int16&spacing=1,2.5,3e0&origin=-1,0,1&endian=big",
+      {.body = "x"});
+  ASSERT_TRUE(service.parameters.raw);
+  const RawLayout& raw = *service.parameters.raw;
+  EXPECT_EQ(raw.dims, (std::array<std::int32_t, 3>{4, 5, 6}));
+  EXPECT_EQ(raw.type, VoxelType::int16);
+  EXPECT_EQ(raw.spacing, (Vec3{1, 2.5, 3}));
+  EXPECT_EQ(raw.origin, (Vec3{-1, 0, 1}));
+  EXPECT_TRUE(raw.big_endian);
+}
+
+TEST_F(Routes, RefuseWrongDescriptionsOfRawSamples) {
+  const std::string good = "/v1/volumes?format=raw&dims=4,5,6&dtype=int16";
+  EXPECT_EQ(ask("POST", good, {.body = "x"}).status, 200);
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"/v1/volumes?format=nifti", "format "},
+      {"/v1/volumes?format=raw&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,6,7&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,6,&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,0&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,-6&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,1.5&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,1e300&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,nan&dtype=uint8", "dims "},
+      {"/v1/volumes?format=raw&dims=4,5,6", "dtype "},
+      {"/v1/volumes?format=raw&dims=4,5,6&dtype=short", "dtype "},
+      {good + "&spacing=1,1,0", "spacing "},
+      {good + "&spacing=1,1,-1", "spacing "},
+      {good + "&spacing=1,1,inf", "spacing "},
+      {good + "&spacing=1", "spacing "},
+      {good + "&origin=a,b,c", "origin "},
+      {good + "&endian=middle", "endian "},
+      {good + "&frame=1", "frame "},
+      {good + "&grid=x", "grid "},
+      {"/v1/volumes?dims=4,5,6", "dims "},
+      {"/v1/volumes?frame=-1", "frame "},
+  };
+  for (const auto& [target, expected] : cases) {
+    const Response response = ask("POST", target, {.body = "x"});
+    EXPECT_EQ(response.status, 400) << target;
+    EXPECT_EQ(pointers(response), expected) << target;
+  }
+}
+
+TEST_F(Routes, RefuseUploadsWithoutBodyOrOverTheLimit) {
+  EXPECT_EQ(ask("POST", "/v1/volumes").status, 400);
+  EXPECT_EQ(ask_with("POST", "/v1/volumes", {}, nullptr).status, 400);
+  EXPECT_EQ(ask("POST", "/v1/volumes", {.body = std::string(1001, 'x')}).status, 413);
+}
+
+TEST_F(Routes, MapEveryErrorToItsStatus) {
+  const std::vector<std::pair<ErrorCode, int>> table = {
+      {ErrorCode::invalid_argument, 400}, {ErrorCode::malformed, 400}, {ErrorCode::unknown_format, 415},
+      {ErrorCode::unusable, 422},         {ErrorCode::too_large, 413}, {ErrorCode::not_found, 404},
+      {ErrorCode::conflict, 409},         {ErrorCode::no_space, 507},  {ErrorCode::busy, 503},
+      {ErrorCode::cancelled, 409}};
+  for (const auto& [code, status] : table) {
+    service.failure.emplace(code, "Do this instead.");
+    const Response response = ask("POST", "/v1/models", {.body = R"({"volume": "v", "range": [1, 2]})"});
+    EXPECT_EQ(response.status, status);
+    EXPECT_EQ(body_of(response)["detail"], "Do this instead.");
+    EXPECT_EQ(response.header("Retry-After").empty(), status != 503);
+  }
+  EXPECT_EQ(api::status_of(ErrorCode::corrupt), 500);
+}
+
+TEST_F(Routes, HideDefects) {
+  service.defect = true;
+  const api::Request request{.method = "GET", .path = "/v1/volumes/" + kVolume, .id = "req_1", .body = nullptr};
+  const Response response = api::handle(service, request);
+  EXPECT_EQ(response.status, 500);
+  EXPECT_EQ(std::get<std::string>(response.body).find("secret"), std::string::npos);
+}
+
+TEST_F(Routes, MakeModels) {
+  service.already_stored = false;
+  const Response created = ask("POST", "/v1/models", {.headers = {{"Prefer", "wait=10"}}, .body = kWish});
+  EXPECT_EQ(created.status, 201);
+  EXPECT_EQ(created.header("Location"), "/v1/models/" + kModel);
+  EXPECT_EQ(created.header("Preference-Applied"), "wait=10");
+  EXPECT_EQ(service.waited, 10);
+  ASSERT_TRUE(service.made);
+  EXPECT_EQ(service.made->volume, kVolume);
+  EXPECT_EQ(service.made->rule.lo, 60.5);
+  EXPECT_EQ(service.made->rule.side, Side::below) << "the volume's natural side";
+  EXPECT_EQ(service.made->rule.border, Border::closed);
+  const Json json = body_of(created);
+  EXPECT_EQ(json["counts"]["boundary_points"], 100);
+  EXPECT_EQ(json["counts"]["tetrahedra"], 600);
+  EXPECT_EQ(json["bounds_mm"]["max"], Json({1, 2, 3}));
+
+  service.already_stored = true;
+  EXPECT_EQ(ask("POST", "/v1/models", {.body = kWish}).status, 200);
+  EXPECT_EQ(service.waited, 0);
+}
+
+TEST_F(Routes, GiveTheJobOfAModelThatIsNotDone) {
+  service.finished = false;
+  const Response response = ask("POST", "/v1/models", {.headers = {{"prefer", "foo, wait=\"999999\""}}, .body = kWish});
+  EXPECT_EQ(response.status, 202);
+  EXPECT_EQ(response.header("Location"), "/v1/jobs/" + kJob);
+  EXPECT_EQ(response.header("Preference-Applied"), "wait=60") << "the cap";
+  EXPECT_FALSE(response.header("Retry-After").empty());
+  const Json job = body_of(response);
+  EXPECT_EQ(job["state"], "running");
+  EXPECT_EQ(job["links"]["cancel"], "/v1/jobs/" + kJob + "/cancel");
+}
+
+TEST_F(Routes, UnderstandEveryKindOfObject) {
+  ask("POST", "/v1/models", {.body = R"({"volume": "v", "range": [-1, 2.5], "inside": "below", "border": "open"})"});
+  EXPECT_EQ(service.made->rule.kind, ObjectRule::Kind::range);
+  EXPECT_EQ(service.made->rule.lo, -1);
+  EXPECT_EQ(service.made->rule.hi, 2.5);
+  EXPECT_EQ(service.made->rule.side, Side::below);
+  EXPECT_EQ(service.made->rule.border, Border::open);
+  ask("POST", "/v1/models", {.body = R"({"volume": "v", "labels": [7, -3, 7]})"});
+  EXPECT_EQ(service.made->rule.kind, ObjectRule::Kind::labels);
+  EXPECT_EQ(service.made->rule.labels, (std::vector<std::int64_t>{-3, 7}));
+  EXPECT_EQ(service.made->rule.side, Side::above) << "natural sides are of thresholds";
+}
+
+TEST_F(Routes, RefuseWrongModelRequestsByField) {
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {R"({"volume": "v"})", " "},
+      {R"({"threshold": 1})", "/volume "},
+      {R"({"volume": 1, "threshold": 1})", "/volume "},
+      {R"({"volume": "v", "threshold": "1"})", "/threshold "},
+      {R"({"volume": "v", "threshold": null})", "/threshold "},
+      {R"({"volume": "v", "threshold": 1, "range": [1, 2]})", " "},
+      {R"({"volume": "v", "range": [2, 1]})", "/range "},
+      {R"({"volume": "v", "range": [1]})", "/range "},
+      {R"({"volume": "v", "range": {"0": 1, "1": 2}})", "/range "},
+      {R"({"volume": "v", "labels": []})", "/labels "},
+      {R"({"volume": "v", "labels": [1.5]})", "/labels "},
+      {R"({"volume": "v", "labels": [18446744073709551615]})", "/labels "},
+      {R"({"volume": "v", "threshold": 1, "inside": "up"})", "/inside "},
+      {R"({"volume": "v", "threshold": 1, "border": true})", "/border "},
+      {R"({"volume": "v", "treshold": 1, "a/b~c": 2})", "/a~1b~0c /treshold  "},
+  };
+  for (const auto& [body, expected] : cases) {
+    const Response response = ask("POST", "/v1/models", {.body = body});
+    EXPECT_EQ(response.status, 400) << body;
+    EXPECT_EQ(pointers(response), expected) << body;
+  }
+  std::string deep;
+  for (int i = 0; i < 100'000; ++i) deep += '[';
+  for (const std::string& body : {std::string("{"), std::string("nonsense"), std::string("[]"), std::string("1e999"),
+                                  std::string("\"\xff\""), std::string(R"({"volume": "v", "threshold": NaN})"), deep}) {
+    EXPECT_EQ(ask("POST", "/v1/models", {.body = body}).status, 400) << body.substr(0, 50);
+  }
+  EXPECT_EQ(ask("POST", "/v1/models", {.body = std::string(2 << 20, ' ')}).status, 413);
+  EXPECT_EQ(ask("POST", "/v1/models").status, 400);
+  EXPECT_FALSE(service.made);
+}
+
+TEST_F(Routes, ImportSpheresByTypeOrFormat) {
+  service.already_stored = false;
+  Response response =
+      ask("POST", "/v1/models", {.headers = {{"Content-Type", "text/csv; charset=utf-8"}}, .body = "x,y"});
+  EXPECT_EQ(response.status, 201);
+  EXPECT_EQ(body_of(response)["kind"], "imported");
+  EXPECT_EQ(service.imported, api::SphereFormat::csv);
+  EXPECT_EQ(service.files.back().second, "x,y");
+  ask("POST", "/v1/models", {.headers = {{"Content-Type", "application/x-npy"}}, .body = "n"});
+  EXPECT_EQ(service.imported, api::SphereFormat::npy);
+  ask("POST", "/v1/models?format=csv",
+      {.headers = {{"Content-Type", "application/x-www-form-urlencoded"}}, .body = "x"});
+  EXPECT_EQ(service.imported, api::SphereFormat::csv);
+  EXPECT_EQ(pointers(ask("POST", "/v1/models?format=vtp", {.body = "x"})), "format ");
+  response = ask("POST", "/v1/models", {.headers = {{"Content-Type", "image/png"}}, .body = "x"});
+  EXPECT_EQ(response.status, 415);
+  EXPECT_FALSE(response.header("Accept-Post").empty());
+}
+
+TEST_F(Routes, PageSpheres) {
+  const std::string path = "/v1/models/" + kModel + "/spheres";
+  Response response = ask("GET", path + "?offset=340&limit=7");
+  EXPECT_EQ(body_of(response)["spheres"].size(), 7U);
+  EXPECT_EQ(body_of(response)["spheres"][0], Json({340.0, 0.0, 0.0, 1.5}));
+  EXPECT_EQ(response.header("Link"), "<" + path + "?format=json&offset=347&limit=7>; rel=\"next\"");
+  response = ask("GET", path + "?offset=347&limit=7");
+  EXPECT_EQ(body_of(response)["spheres"].size(), 3U);
+  EXPECT_EQ(response.header("Link"), "");
+  response = ask("GET", path + "?offset=400");
+  EXPECT_EQ(response.status, 200);
+  EXPECT_EQ(body_of(response)["spheres"].size(), 0U);
+  EXPECT_EQ(pointers(ask("GET", path + "?limit=0")), "limit ");
+  EXPECT_EQ(pointers(ask("GET", path + "?format=csv&offset=1")), "offset ");
+}
+
+TEST_F(Routes, NegotiateSpheres) {
+  const std::string path = "/v1/models/" + kModel + "/spheres";
+  const auto type = [&](const char* accept) {
+    return std::string(ask("GET", path, {.headers = {{"Accept", accept}}}).header("Content-Type"));
+  };
+  EXPECT_EQ(type("*/*"), "application/json");
+  EXPECT_EQ(type("text/csv"), "text/csv");
+  EXPECT_EQ(type("application/json;q=0.5, text/*"), "text/csv");
+  EXPECT_EQ(type("application/json;q=0, */*;q=0.1"), "text/csv");
+  EXPECT_EQ(type("application/x-vtk-polydata, text/csv;q=0.9"), "application/x-vtk-polydata");
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "image/png"}}}).status, 406);
+  const Response npy = ask("GET", path + "?format=npy", {.headers = {{"Accept", "application/x-npy"}}});
+  EXPECT_EQ(npy.header("Spherule-Frame"), "LPS");
+  EXPECT_EQ(npy.header("Spherule-Unit"), "mm");
+  EXPECT_EQ(std::get<api::ExportRequest>(service.derived->what).format, api::SphereFormat::npy);
+  EXPECT_EQ(service.waited, 60) << "what is derived is waited for unless the client prefers otherwise";
+}
+
+TEST_F(Routes, RenderAsAsked) {
+  const std::string path = "/v1/models/" + kModel + "/render";
+  EXPECT_EQ(ask("GET", path + "?view=h&width=300&height=200").header("Content-Type"), "image/png");
+  const auto render = std::get<api::RenderRequest>(service.derived->what);
+  EXPECT_EQ(render.view, View::head);
+  EXPECT_EQ(render.width, 300);
+  EXPECT_EQ(render.height, 200);
+  EXPECT_EQ(pointers(ask("GET", path + "?view=x")), "view ");
+  EXPECT_EQ(pointers(ask("GET", path + "?width=0")), "width ");
+  EXPECT_EQ(pointers(ask("GET", path + "?height=8193")), "height ");
+  EXPECT_EQ(ask("GET", path + "?width=1001&height=1000").status, 413);
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "text/html"}}}).status, 406);
+}
+
+TEST_F(Routes, GiveTheJobOfAnAnswerThatIsNotDone) {
+  service.finished = false;
+  for (const char* what : {"measures", "checks", "render", "exports/vtp", "spheres?format=ply"}) {
+    const Response response =
+        ask("GET", "/v1/models/" + kModel + "/" + what, {.headers = {{"Prefer", "respond-async"}}});
+    EXPECT_EQ(response.status, 202) << what;
+    EXPECT_EQ(response.header("Location"), "/v1/jobs/" + kJob) << what;
+    EXPECT_EQ(service.waited, 0) << what;
+  }
+}
+
+TEST_F(Routes, ServeRangesOfContent) {
+  const std::string path = "/v1/volumes/" + kVolume + "/content";
+  const auto part = [&](const std::string& range, int status, std::uint64_t offset, std::uint64_t length) {
+    const Response response = ask("GET", path, {.headers = {{"Range", range}}});
+    EXPECT_EQ(response.status, status) << range;
+    const auto& content = std::get<api::ContentPart>(response.body);
+    EXPECT_EQ(content.offset, offset) << range;
+    EXPECT_EQ(content.length, length) << range;
+    return std::string(response.header("Content-Range"));
+  };
+  EXPECT_EQ(part("bytes=0-3", 206, 0, 4), "bytes 0-3/10");
+  EXPECT_EQ(part("bytes=4-", 206, 4, 6), "bytes 4-9/10");
+  EXPECT_EQ(part("bytes=-3", 206, 7, 3), "bytes 7-9/10");
+  EXPECT_EQ(part("bytes=-99", 206, 0, 10), "bytes 0-9/10");
+  EXPECT_EQ(part("bytes=9-18446744073709551615", 206, 9, 1), "bytes 9-9/10");
+  for (const char* ignored : {"items=0-3", "bytes=0-1,3-4", "bytes=5-2", "bytes=x-", "bytes=-", "bytes"}) {
+    EXPECT_EQ(part(ignored, 200, 0, 10), "") << ignored;
+  }
+  for (const char* outside : {"bytes=10-", "bytes=10-11", "bytes=-0", "bytes=18446744073709551615-"}) {
+    const Response response = ask("GET", path, {.headers = {{"Range", outside}}});
+    EXPECT_EQ(response.status, 416) << outside;
+    EXPECT_EQ(response.header("Content-Range"), "bytes */10") << outside;
+  }
+  const std::string etag = "\"" + std::string(64, 'e') + "\"";
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", "bytes=0-3"}, {"If-Range", etag}}}).status, 206);
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", "bytes=0-3"}, {"If-Range", "\"old\""}}}).status, 200);
+}
+
+TEST_F(Routes, Delete) {
+  EXPECT_EQ(ask("DELETE", "/v1/volumes/" + kVolume).status, 204);
+  EXPECT_EQ(ask("DELETE", "/v1/models/" + kModel).status, 204);
+  EXPECT_EQ(service.deleted, (std::vector<std::string>{kVolume, kModel}));
+  EXPECT_EQ(ask("DELETE", "/v1/models/" + kVolume).status, 404);
+}
+
+TEST_F(Routes, CancelJobs) {
+  EXPECT_EQ(ask("POST", "/v1/jobs/" + kJob + "/cancel").status, 202);
+  service.failure.emplace(ErrorCode::conflict, "The job is over.");
+  EXPECT_EQ(ask("POST", "/v1/jobs/" + kJob + "/cancel").status, 409);
+}
+
+TEST_F(Routes, StreamEvents) {
+  using Type = api::JobEvent::Type;
+  service.events.events = {
+      {.number = 3, .type = Type::state, .state = api::JobState::running},
+      {.number = 5, .type = Type::warning, .state = api::JobState::running, .warning = "Odd\nscan."},
+      {.number = 9, .type = Type::end, .state = api::JobState::succeeded, .stage = "store", .progress = 1}};
+  service.events.over = true;
+  const auto stream = [&](Extra extra) {
+    const Response response = ask("GET", "/v1/jobs/" + kJob + "/events", std::move(extra));
+    EXPECT_EQ(response.header("Content-Type"), "text/event-stream");
+    std::string out;
+    while (std::get<api::EventSource>(response.body)(out)) {
+    }
+    return out;
+  };
+  EXPECT_EQ(stream({}),
+            "retry: 2000\n\n"
+            "id: 3\nevent: state\ndata: {\"state\":\"running\",\"progress\":0.0}\n\n"
+            "id: 5\nevent: warning\ndata: {\"state\":\"running\",\"warning\":\"Odd\\nscan.\"}\n\n"
+            "id: 9\nevent: end\ndata: {\"state\":\"succeeded\",\"stage\":\"store\",\"progress\":1.0}\n\n");
+  EXPECT_EQ(stream({.headers = {{"Last-Event-ID", "5"}}}),
+            "retry: 2000\n\nid: 9\nevent: end\ndata: "
+            "{\"state\":\"succeeded\",\"stage\":\"store\",\"progress\":1.0}\n\n");
+  EXPECT_EQ(ask("GET", "/v1/jobs/" + kJob + "/events", {.headers = {{"Last-Event-ID", "9"}}}).status, 204);
+  EXPECT_EQ(ask("GET", "/v1/jobs/" + kJob + "/events", {.headers = {{"Last-Event-ID", "last"}}}).status, 400);
+  EXPECT_EQ(ask("GET", "/v1/jobs/job_0/events").status, 404);
+}
+
+TEST_F(Routes, KeepAStreamAliveWithComments) {
+  const Response response = ask("GET", "/v1/jobs/" + kJob + "/events");
+  const auto& next = std::get<api::EventSource>(response.body);
+  std::string out;
+  EXPECT_TRUE(next(out));
+  out.clear();
+  EXPECT_TRUE(next(out));
+  EXPECT_EQ(out, ":\n\n");
+}
+
+TEST_F(Routes, ReportReadiness) {
+  EXPECT_EQ(ask("GET", "/readyz").status, 200);
+  service.failure.emplace(ErrorCode::busy, "x");
+  EXPECT_EQ(ask("GET", "/readyz").status, 503);
+  EXPECT_EQ(ask("GET", "/livez").status, 200);
+}
+
+TEST_F(Routes, ShowEveryOperationOnTheDocsPage) {
+  const Response response = ask("GET", "/docs");
+  const std::string page = std::get<std::string>(response.body);
+  std::size_t entries = 0;
+  for (std::size_t at = 0; (at = page.find("<details>", at)) != std::string::npos; ++at) ++entries;
+  EXPECT_EQ(entries, api::operations().size());
+  EXPECT_NE(page.find("Upload a volume"), std::string::npos);
+  EXPECT_EQ(page.find("<pre></pre>"), std::string::npos) << "every entry has its text";
+  EXPECT_EQ(page.find("http://"), page.find("http://127.0.0.1")) << "nothing is fetched from elsewhere";
+  EXPECT_EQ(page.find("https://"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace spherule::test

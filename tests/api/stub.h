@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// A service that knows one volume, two models and one job, and remembers what it was asked.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "api/documents.h"
+#include "api/http.h"
+#include "api/service.h"
+
+namespace spherule::test {
+
+inline const std::string kVolume = "vol_" + std::string(32, 'a');
+inline const std::string kModel = "mdl_" + std::string(32, 'b');
+inline const std::string kImported = "mdl_" + std::string(32, 'c');
+inline const std::string kJob = "job_" + std::string(32, 'd');
+
+class StubService final : public api::Service {
+ public:
+  // What to do.
+  bool finished = true;        ///< make_model and derive give results, not jobs
+  bool already_stored = true;  ///< what uploads and models say
+  std::optional<Error> failure;
+  bool defect = false;
+  api::JobEvents events;
+
+  // What was asked.
+  std::vector<std::pair<std::string, std::string>> files;  ///< name, bytes
+  api::VolumeParameters parameters;
+  std::optional<api::ModelRequest> made;
+  std::optional<api::DerivedRequest> derived;
+  std::optional<api::SphereFormat> imported;
+  double waited = -1;
+  api::PageRequest page;
+  std::uint64_t announced = 0;
+  std::vector<std::string> deleted;
+
+  static api::VolumeInfo volume_info() {
+    api::VolumeInfo v;
+    v.id = kVolume;
+    v.created = api::Time(std::chrono::milliseconds(1'700'000'000'123));
+    v.files = {{.name = "Doe^Jane.hdr", .sha256 = std::string(64, '1'), .bytes = 348},
+               {.name = "Doe^Jane.img", .sha256 = std::string(64, '2'), .bytes = 1000}};
+    v.format = "nifti";
+    v.grid.dims = {10, 10, 10};
+    v.grid.spacing = {1, 2, 3};
+    v.grid.origin = {-4, 5, 6.5};
+    v.type = VoxelType::uint8;
+    v.range = {0, 255, 0};
+    v.natural_side = Side::below;
+    v.warnings = {"The header says two things; the sform was used."};
+    return v;
+  }
+  static api::ModelInfo model_info() {
+    api::ModelInfo m;
+    m.id = kModel;
+    m.created = api::Time(std::chrono::milliseconds(1'700'000'000'456));
+    m.algorithm_version = "1";
+    m.source.emplace();
+    m.source->volume = kVolume;
+    m.source->rule.lo = 60.5;
+    m.boundary_points = 100;
+    m.tetrahedra = 600;
+    m.inside_tetrahedra = 350;
+    m.spheres = 350;
+    m.boundary_point_density_mm = 0.75;
+    m.voxels = {400, 2400};
+    m.bounds.include(Vec3{-1, -2, -3});
+    m.bounds.include(Vec3{1, 2, 3});
+    m.timings_s = {{"boundary", 0.25}};
+    return m;
+  }
+  static api::ModelInfo imported_info() {
+    api::ModelInfo m;
+    m.id = kImported;
+    m.algorithm_version = "1";
+    m.imported_format = "csv";
+    m.spheres = 2;
+    return m;
+  }
+  static api::JobInfo job_info() {
+    api::JobInfo j;
+    j.id = kJob;
+    j.kind = "model";
+    j.state = api::JobState::running;
+    j.stage = "delaunay";
+    j.progress = 0.5;
+    j.started = api::Time(std::chrono::seconds(1'700'000'000));
+    j.elapsed_s = 2;
+    j.remaining_s = 2;
+    return j;
+  }
+  static api::Content content(std::string bytes) {
+    return {.bytes = bytes.size(),
+            .sha256 = std::string(64, 'e'),
+            .read_at = [bytes](std::uint64_t offset, std::span<char> out) {
+              return bytes.copy(out.data(), out.size(), static_cast<std::size_t>(offset));
+            }};
+  }
+
+  api::About about() const override { return {"0.1.0", "1"}; }
+  api::Limits limits() const override {
+    return {.upload_bytes = 1000, .image_pixels = 1'000'000, .longest_wait = std::chrono::seconds(60)};
+  }
+  api::Readiness readiness() const override {
+    return failure ? api::Readiness{false, "The disk is full."} : api::Readiness{true, {}};
+  }
+  std::unique_ptr<api::Upload> start_upload(std::uint64_t bytes) override {
+    struct StubUpload final : api::Upload {
+      explicit StubUpload(StubService& s) : stub(s) {}
+      void begin_file(std::string_view name) override { stub.files.emplace_back(name, ""); }
+      void write(std::string_view piece) override { stub.files.back().second += piece; }
+      StubService& stub;
+    };
+    announced = bytes;
+    return std::make_unique<StubUpload>(*this);
+  }
+  api::StoredVolume store_volume(std::unique_ptr<api::Upload>, const api::VolumeParameters& given) override {
+    obey();
+    parameters = given;
+    return {volume_info(), already_stored};
+  }
+  api::Page<api::VolumeInfo> volumes(const api::PageRequest& wanted) override {
+    page = wanted;
+    return {{volume_info()}, "next/1+"};
+  }
+  api::VolumeInfo volume(const std::string& id) override {
+    obey();
+    known(id == kVolume);
+    return volume_info();
+  }
+  api::Content volume_content(const std::string& id, std::size_t index) override {
+    known(id == kVolume && index < 2);
+    return content("0123456789");
+  }
+  std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) override {
+    known(id == kVolume);
+    return std::vector<std::uint64_t>(buckets, 7);
+  }
+  void delete_volume(const std::string& id) override {
+    known(id == kVolume);
+    deleted.push_back(id);
+  }
+  api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override {
+    obey();
+    made = request;
+    waited = wait.count();
+    if (!finished) return job_info();
+    return api::StoredModel{model_info(), already_stored};
+  }
+  api::StoredModel import_model(std::unique_ptr<api::Upload>, api::SphereFormat format) override {
+    obey();
+    imported = format;
+    return {imported_info(), already_stored};
+  }
+  api::Page<api::ModelInfo> models(const api::PageRequest& wanted) override {
+    page = wanted;
+    return {{model_info(), imported_info()}, ""};
+  }
+  api::ModelInfo model(const std::string& id) override {
+    known(id == kModel || id == kImported);
+    return id == kModel ? model_info() : imported_info();
+  }
+  void delete_model(const std::string& id) override {
+    known(id == kModel);
+    deleted.push_back(id);
+  }
+  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) override {
+    known(id == kModel);
+    api::SpherePage p{.total = 350, .spheres = {}};
+    for (std::uint64_t i = offset; i < 350 && p.spheres.size() < limit; ++i) {
+      p.spheres.push_back({{static_cast<double>(i), 0, 0}, 1.5});
+    }
+    return p;
+  }
+  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) override {
+    known(id == kModel);
+    return {0.5, 2.5, std::vector<std::uint64_t>(buckets, 3)};
+  }
+  api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override {
+    obey();
+    known(request.model == kModel);
+    derived = request;
+    waited = wait.count();
+    if (!finished) return job_info();
+    if (std::holds_alternative<api::MeasuresRequest>(request.what)) {
+      return content(
+          api::measures_document(kModel, {.voxels = VoxelMeasures{4, 8.5}, .tetrahedra = TetrahedraMeasures{}}));
+    }
+    if (std::holds_alternative<api::ChecksRequest>(request.what)) return content(api::checks_document(kModel, {}));
+    return content("derived bytes");
+  }
+  api::Page<api::JobInfo> jobs(const api::PageRequest& wanted) override {
+    page = wanted;
+    return {{job_info()}, ""};
+  }
+  api::JobInfo job(const std::string& id) override {
+    known(id == kJob);
+    return job_info();
+  }
+  api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds) override {
+    known(id == kJob);
+    api::JobEvents later{.events = {}, .over = events.over};
+    for (const auto& event : events.events) {
+      if (event.number > after) later.events.push_back(event);
+    }
+    return later;
+  }
+  api::JobInfo cancel_job(const std::string& id) override {
+    obey();
+    known(id == kJob);
+    return job_info();
+  }
+
+ private:
+  void obey() const {
+    if (failure) throw *failure;
+    if (defect) throw std::logic_error("/secret/path");
+  }
+  static void known(bool is) {
+    if (!is) throw Error(ErrorCode::not_found, "There is no such thing.");
+  }
+};
+
+/// A body in memory, handed on in small pieces.
+class StubBody final : public api::Body {
+ public:
+  explicit StubBody(std::string bytes) : bytes_(std::move(bytes)) {}
+  explicit StubBody(std::vector<std::array<std::string, 3>> parts) : parts_(std::move(parts)) {}
+
+  bool present() const override { return !bytes_.empty() || !parts_.empty(); }
+  std::uint64_t announced() const override { return bytes_.size(); }
+  void read(std::uint64_t limit, const Take& take) override {
+    if (bytes_.size() > limit) throw Error(ErrorCode::too_large, "The body is too large.");
+    for (std::size_t at = 0; at < bytes_.size(); at += 3) take(std::string_view(bytes_).substr(at, 3));
+  }
+  void read_parts(std::uint64_t, const BeginPart& begin, const Take& take) override {
+    for (const auto& [name, filename, bytes] : parts_) {
+      begin(name, filename);
+      take(bytes);
+    }
+  }
+
+ private:
+  std::string bytes_;
+  std::vector<std::array<std::string, 3>> parts_;
+};
+
+}  // namespace spherule::test

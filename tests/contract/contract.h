@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// openapi.yaml as a judge of answers: what it lists, and whether an answer keeps to it.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace spherule::test {
+
+/// Every (method, path template), in the file's order; methods in capitals.
+std::vector<std::pair<std::string, std::string>> contract_operations();
+
+/// What is wrong with an answer to `method path`, by the contract: a status that is not listed for the operation, a
+/// media type that is not listed for the status, a JSON body that does not fit its schema. Empty: nothing. HEAD counts
+/// as GET, and its body is not looked at.
+std::vector<std::string> violations(std::string_view method, std::string_view path, int status,
+                                    std::string_view content_type, std::string_view body);
+
+/// What is wrong with the contract's own examples, by its schemas.
+std::vector<std::string> example_violations();
+
+/// The template of a path, or an empty string.
+std::string template_of(std::string_view path);
+
+}  // namespace spherule::test
