@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Spheres -> bytes of a file for other programs, and back. One .cpp a format. Every text format states frame and
-// units (LPS mm) in the file; NPY cannot, so the server's documentation does.
+// Spheres -> bytes of a file for other programs, and back. One .cpp a format. Every format that can states frame and
+// units (LPS mm) in the file; NPY cannot, so the server's documentation does. The same spheres give the same bytes.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <string_view>
@@ -18,20 +19,28 @@ namespace spherule {
 std::string spheres_to_csv(std::span<const Sphere> spheres);
 /// NumPy 1.0 array, little-endian float32, shape (N, 4), C order, columns x y z r.
 std::string spheres_to_npy(std::span<const Sphere> spheres);
-/// Binary little-endian PLY, one vertex a sphere: x y z radius, float32.
+/// Binary little-endian PLY, one vertex a sphere: x y z radius, float32. The comment SPACE=LPS is the one 3D Slicer
+/// looks for.
 std::string spheres_to_ply(std::span<const Sphere> spheres);
 /// VTK XML PolyData (appended raw), one vertex cell a sphere, point array "radius": ParaView's Point Gaussian or Glyph
-/// filter and 3D Slicer show it as spheres. float32.
+/// filter and 3D Slicer show it as spheres. float32. The field arrays SPACE ("LPS", which 3D Slicer obeys) and UNITS
+/// ("mm") state the frame.
 std::string spheres_to_vtp(std::span<const Sphere> spheres);
 
 struct ImportLimits {
   std::size_t max_spheres = 10'000'000;
 };
 
+/// Coordinates and radii that a user brings are at most this, in mm (a thousand kilometres), so that squares and cubes
+/// of them stay ordinary numbers everywhere.
+inline constexpr double max_import_coordinate = 1e9;
+
 /// Reads spheres that a user brings; the format ("csv" or "npy") is given. CSV: a header naming x, y, z, r in any order
-/// (further columns ignored), '#' comments. NPY: shape (N, 4), float32 or float64, either byte order and memory order.
-/// Throws malformed (with the line), unusable for NaN, infinite or negative radii (with the row), too_large over the
-/// limit before memory is taken. Zero radii, repeated and nested spheres are ordinary input. An empty set is unusable.
+/// (further columns ignored), '#' comments and empty lines anywhere, LF or CRLF. NPY: versions 1 to 3, shape (N, 4),
+/// float32 or float64, either byte order and memory order.
+/// Throws malformed (CSV: with the line), unusable for NaN, infinite or huge numbers and negative radii (with the row,
+/// counted from 1), too_large over the limit before memory is taken. Zero radii, repeated and nested spheres are
+/// ordinary input. An empty set is unusable. O(bytes).
 std::vector<Sphere> spheres_from_csv(std::string_view bytes, const ImportLimits& limits = {});
 std::vector<Sphere> spheres_from_npy(std::string_view bytes, const ImportLimits& limits = {});
 

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Bytes of binary exports, private to core/io.
+#pragma once
+
+#include <bit>
+#include <cstring>
+#include <span>
+#include <string>
+#include <type_traits>
+
+#include "core/base/geometry.h"
+
+namespace spherule::detail {
+
+static_assert(std::endian::native == std::endian::little, "the binary exports write native numbers as little-endian");
+
+/// Appends the bytes of one number.
+template <typename T>
+void append_number(std::string& out, T value) {
+  static_assert(std::is_arithmetic_v<T>);
+  char bytes[sizeof value];
+  std::memcpy(bytes, &value, sizeof value);
+  out.append(bytes, sizeof value);
+}
+
+/// Appends x y z r of every sphere as float32.
+inline void append_float32_rows(std::string& out, std::span<const Sphere> spheres) {
+  for (const Sphere& s : spheres)
+    for (const double value : {s.centre.x, s.centre.y, s.centre.z, s.radius})
+      append_number(out, static_cast<float>(value));
+}
+
+}  // namespace spherule::detail

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The format: G. Turk, The PLY Polygon File Format (1994).
+#include "core/io/binary.h"
+#include "core/io/export.h"
+
+namespace spherule {
+
+std::string spheres_to_ply(std::span<const Sphere> spheres) {
+  std::string out =
+      "ply\n"
+      "format binary_little_endian 1.0\n"
+      "comment Spherule: each vertex is the centre of a sphere\n"
+      "comment SPACE=LPS\n"
+      "comment UNITS=mm\n"
+      "element vertex " +
+      std::to_string(spheres.size()) +
+      "\n"
+      "property float x\n"
+      "property float y\n"
+      "property float z\n"
+      "property float radius\n"
+      "end_header\n";
+  out.reserve(out.size() + 16 * spheres.size());
+  detail::append_float32_rows(out, spheres);
+  return out;
+}
+
+}  // namespace spherule

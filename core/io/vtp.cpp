@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The format: VTK File Formats, "XML File Formats", serial PolyData with one raw appended block.
+#include <cstdint>
+
+#include "core/io/binary.h"
+#include "core/io/export.h"
+
+namespace spherule {
+namespace {
+
+// A string array in ASCII is its characters' codes, each string ended by 0.
+std::string string_array(std::string_view name, std::string_view value) {
+  std::string out =
+      "      <DataArray type=\"String\" Name=\"" + std::string(name) + "\" NumberOfTuples=\"1\" format=\"ascii\">";
+  for (const char c : value) out += std::to_string(static_cast<int>(c)) + ' ';
+  return out + "0</DataArray>\n";
+}
+
+std::string appended_array(std::string_view type_and_name, std::size_t offset) {
+  return "        <DataArray type=" + std::string(type_and_name) + " format=\"appended\" offset=\"" +
+         std::to_string(offset) + "\"/>\n";
+}
+
+}  // namespace
+
+std::string spheres_to_vtp(std::span<const Sphere> spheres) {
+  const std::size_t n = spheres.size();
+  // Each appended array is its length in bytes, as UInt64, and then its bytes.
+  const std::size_t points_at = 0;
+  const std::size_t radii_at = points_at + 8 + 12 * n;
+  const std::size_t connectivity_at = radii_at + 8 + 4 * n;
+  const std::size_t offsets_at = connectivity_at + 8 + 8 * n;
+  const std::string count = std::to_string(n);
+
+  std::string out =
+      "<?xml version=\"1.0\"?>\n"
+      "<!-- Spherule: each vertex is the centre of a sphere; frame LPS, units mm -->\n"
+      "<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
+      "  <PolyData>\n"
+      "    <FieldData>\n" +
+      string_array("SPACE", "LPS") + string_array("UNITS", "mm") +
+      "    </FieldData>\n"
+      "    <Piece NumberOfPoints=\"" +
+      count + "\" NumberOfVerts=\"" + count +
+      "\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">\n"
+      "      <Points>\n" +
+      appended_array("\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"", points_at) +
+      "      </Points>\n"
+      "      <PointData Scalars=\"radius\">\n" +
+      appended_array("\"Float32\" Name=\"radius\"", radii_at) +
+      "      </PointData>\n"
+      "      <Verts>\n" +
+      appended_array("\"Int64\" Name=\"connectivity\"", connectivity_at) +
+      appended_array("\"Int64\" Name=\"offsets\"", offsets_at) +
+      "      </Verts>\n"
+      "    </Piece>\n"
+      "  </PolyData>\n"
+      "  <AppendedData encoding=\"raw\">\n"
+      "_";
+  out.reserve(out.size() + offsets_at + 8 + 8 * n + 64);
+  const auto append_length = [&](std::size_t bytes) { detail::append_number(out, static_cast<std::uint64_t>(bytes)); };
+
+  append_length(12 * n);
+  for (const Sphere& s : spheres)
+    for (int a = 0; a < 3; ++a) detail::append_number(out, static_cast<float>(s.centre[a]));
+  append_length(4 * n);
+  for (const Sphere& s : spheres) detail::append_number(out, static_cast<float>(s.radius));
+  append_length(8 * n);
+  for (std::size_t i = 0; i < n; ++i) detail::append_number(out, static_cast<std::int64_t>(i));
+  append_length(8 * n);
+  for (std::size_t i = 0; i < n; ++i) detail::append_number(out, static_cast<std::int64_t>(i + 1));
+  out += "\n  </AppendedData>\n</VTKFile>\n";
+  return out;
+}
+
+}  // namespace spherule
