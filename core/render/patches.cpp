@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Raw models. A point x of the union that lies in no inside cell is in a cap: in the ball of an inside cell that has a
+// facet on the boundary, and beyond that facet. For let x be in the ball of inside cell s, and walk from a point of s
+// to x. The powers of x with respect to the cells passed never grow (across a facet the Delaunay property makes the
+// next ball the lower one beyond the facet's plane), so the last inside cell before the boundary holds x in its ball,
+// and x is beyond the facet through which the walk left it.
+//
+// Other models. The surface within a box is made by the balls of least power there. Power differences are linear, so
+// that one ball is nowhere below another in a box is one comparison.
+#include "core/render/patches.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "core/base/check.h"
+#include "core/base/parallel.h"
+
+namespace spherule {
+namespace {
+
+// Joins the pieces in order, so that the result does not depend on who made which.
+std::vector<Patch> joined(const std::vector<std::vector<Patch>>& pieces) {
+  std::size_t total = 0;
+  for (const auto& piece : pieces) total += piece.size();
+  std::vector<Patch> all;
+  all.reserve(total);
+  for (const auto& piece : pieces) all.insert(all.end(), piece.begin(), piece.end());
+  return all;
+}
+
+// The box of the ball's part with normal · x >= offset.
+Box box_of_cap(const Sphere& ball, Vec3 normal, double offset) {
+  const double height = offset - dot(normal, ball.centre);  // of the plane over the centre
+  const double rim = std::sqrt(std::max(0.0, (ball.radius - height) * (ball.radius + height)));
+  Box box;
+  for (int a = 0; a < 3; ++a) {
+    const double across = std::sqrt(std::max(0.0, 1 - normal[a] * normal[a]));
+    for (const double side : {-1.0, 1.0}) {
+      // The ball's own extreme point when it is in the cap, else the rim's.
+      const double reach =
+          side * normal[a] * ball.radius >= height ? ball.radius : height * side * normal[a] + rim * across;
+      (side < 0 ? box.min : box.max)[a] = ball.centre[a] + side * reach;
+    }
+  }
+  return box;
+}
+
+std::vector<Patch> patches_of_solid(const SphereModel& model, const Context& context) {
+  const Solid& solid = *model.solid;
+  const auto across = neighbours(solid.cells, solid.boundary.points.size(), context);
+  constexpr std::size_t kGrain = 1 << 15;
+  std::vector<std::vector<Patch>> pieces((solid.inside_count + kGrain - 1) / kGrain);
+  parallel_for(context, {}, solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
+    std::vector<Patch>& patches = pieces[begin / kGrain];
+    for (std::size_t cell = begin; cell < end; ++cell) {
+      const Sphere& ball = model.spheres[cell];
+      for (std::size_t i = 0; i < 4; ++i) {
+        if (across[cell][i] < solid.inside_count) continue;  // no_cell is larger than every index
+        std::array<Vec3, 4> corner;
+        for (std::size_t v = 0; v < 4; ++v)
+          corner[v] = solid.boundary.lattice.to_patient(solid.boundary.points[solid.cells[cell][(i + v) % 4]]);
+        Vec3 normal = normalised(cross(corner[2] - corner[1], corner[3] - corner[1]));
+        if (dot(normal, corner[0] - corner[1]) > 0) normal = -normal;
+        patches.push_back({box_of_cap(ball, normal, dot(normal, corner[1])), static_cast<std::uint32_t>(cell)});
+      }
+    }
+  });
+  return joined(pieces);
+}
+
+struct Cell {
+  Vec3 centre;
+  double half = 0;  // of the cube's side
+  std::vector<std::uint32_t> balls;
+};
+
+constexpr std::size_t kFewBalls = 4;
+constexpr int kMaxLevel = 11;
+
+Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
+
+// Keeps the balls that may make a part of the surface within the cell; none when a ball covers it.
+void keep_exposed(std::span<const Sphere> spheres, Cell& cell) {
+  double least = std::numeric_limits<double>::infinity();
+  std::uint32_t lowest = 0;
+  std::size_t kept = 0;
+  for (const std::uint32_t i : cell.balls) {
+    const Sphere& s = spheres[i];
+    const Vec3 offset = absolute(s.centre - cell.centre);
+    const double squared_radius = s.radius * s.radius;
+    double nearest = 0, farthest = 0;
+    for (int a = 0; a < 3; ++a) {
+      const double inner = std::max(0.0, offset[a] - cell.half), outer = offset[a] + cell.half;
+      nearest += inner * inner;
+      farthest += outer * outer;
+    }
+    if (nearest > squared_radius) continue;
+    if (farthest < squared_radius) {
+      cell.balls.clear();
+      return;
+    }
+    const double power = squared_norm(offset) - squared_radius;
+    if (power < least) least = power, lowest = i;
+    cell.balls[kept++] = i;
+  }
+  cell.balls.resize(kept);
+  std::erase_if(cell.balls, [&](std::uint32_t i) {
+    if (i == lowest) return false;
+    const Sphere& s = spheres[i];
+    const Vec3 apart = absolute(s.centre - spheres[lowest].centre);
+    const double above = squared_norm(s.centre - cell.centre) - s.radius * s.radius - least;
+    return above - 2 * cell.half * (apart.x + apart.y + apart.z) >= 0;
+  });
+}
+
+std::array<Cell, 8> split(std::span<const Sphere> spheres, const Cell& cell) {
+  std::array<Cell, 8> children;
+  const double half = cell.half / 2;
+  for (std::size_t c = 0; c < 8; ++c) {
+    const Vec3 step{c & 1 ? half : -half, c & 2 ? half : -half, c & 4 ? half : -half};
+    children[c] = {cell.centre + step, half, cell.balls};
+    keep_exposed(spheres, children[c]);
+  }
+  return children;
+}
+
+void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::vector<Patch>& patches,
+            const Context& context) {
+  if (cell.balls.size() <= kFewBalls || level >= kMaxLevel) {
+    for (const std::uint32_t i : cell.balls) {
+      const Sphere& s = spheres[i];
+      Box box;
+      for (int a = 0; a < 3; ++a) {
+        box.min[a] = std::max(cell.centre[a] - cell.half, s.centre[a] - s.radius);
+        box.max[a] = std::min(cell.centre[a] + cell.half, s.centre[a] + s.radius);
+      }
+      patches.push_back({box, i});
+    }
+    return;
+  }
+  if (level < kMaxLevel / 2) context.throw_if_cancelled();
+  for (const Cell& child : split(spheres, cell)) refine(spheres, child, level + 1, patches, context);
+}
+
+std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Context& context) {
+  Box box;
+  Cell root;
+  for (std::size_t i = 0; i < spheres.size(); ++i) {
+    if (!(spheres[i].radius > 0)) continue;
+    box.include(spheres[i]);
+    root.balls.push_back(static_cast<std::uint32_t>(i));
+  }
+  if (root.balls.empty()) return {};
+  root.centre = 0.5 * (box.min + box.max);
+  const Vec3 extent = box.max - box.min;
+  root.half = 0.5 * std::max({extent.x, extent.y, extent.z});
+
+  // The first levels breadth first, until there is enough work to share.
+  constexpr std::size_t kEnoughCells = 512;
+  std::vector<Cell> cells{std::move(root)};
+  int level = 0;
+  while (cells.size() < kEnoughCells && level < 4 && std::ranges::any_of(cells, [](const Cell& c) {
+           return c.balls.size() > kFewBalls;
+         })) {
+    std::vector<std::array<Cell, 8>> children(cells.size());
+    parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
+      children[i] = split(spheres, cells[i]);
+    });
+    cells.clear();
+    for (auto& eight : children)
+      for (Cell& child : eight)
+        if (!child.balls.empty()) cells.push_back(std::move(child));
+    ++level;
+  }
+  std::vector<std::vector<Patch>> pieces(cells.size());
+  parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
+    refine(spheres, cells[i], level, pieces[i], context);
+  });
+  return joined(pieces);
+}
+
+}  // namespace
+
+std::vector<Patch> visible_patches(const SphereModel& model, const Context& context) {
+  SPHERULE_CHECK(model.spheres.size() < std::numeric_limits<std::uint32_t>::max());
+  return model.solid ? patches_of_solid(model, context) : patches_of_balls(model.spheres, context);
+}
+
+}  // namespace spherule
