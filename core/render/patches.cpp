@@ -50,7 +50,9 @@ Box box_of_cap(const Sphere& ball, Vec3 normal, double offset) {
 
 std::vector<Patch> patches_of_solid(const SphereModel& model, const Context& context) {
   const Solid& solid = *model.solid;
-  const auto across = neighbours(solid.cells, solid.boundary.points.size(), context);
+  // Among the inside cells alone: what is missing across a facet is outside or nothing.
+  const auto across =
+      neighbours(std::span(solid.cells).first(solid.inside_count), solid.boundary.points.size(), context);
   constexpr std::size_t kGrain = 1 << 15;
   std::vector<std::vector<Patch>> pieces((solid.inside_count + kGrain - 1) / kGrain);
   parallel_for(context, {}, solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
@@ -58,7 +60,7 @@ std::vector<Patch> patches_of_solid(const SphereModel& model, const Context& con
     for (std::size_t cell = begin; cell < end; ++cell) {
       const Sphere& ball = model.spheres[cell];
       for (std::size_t i = 0; i < 4; ++i) {
-        if (across[cell][i] < solid.inside_count) continue;  // no_cell is larger than every index
+        if (across[cell][i] != no_cell) continue;
         std::array<Vec3, 4> corner;
         for (std::size_t v = 0; v < 4; ++v)
           corner[v] = solid.boundary.lattice.to_patient(solid.boundary.points[solid.cells[cell][(i + v) % 4]]);
@@ -162,13 +164,11 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
   constexpr std::size_t kEnoughCells = 512;
   std::vector<Cell> cells{std::move(root)};
   int level = 0;
-  while (cells.size() < kEnoughCells && level < 4 && std::ranges::any_of(cells, [](const Cell& c) {
-           return c.balls.size() > kFewBalls;
-         })) {
+  while (cells.size() < kEnoughCells && level < 4 &&
+         std::ranges::any_of(cells, [](const Cell& c) { return c.balls.size() > kFewBalls; })) {
     std::vector<std::array<Cell, 8>> children(cells.size());
-    parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
-      children[i] = split(spheres, cells[i]);
-    });
+    parallel_for(context, {}, cells.size(), 1,
+                 [&](std::size_t i, std::size_t) { children[i] = split(spheres, cells[i]); });
     cells.clear();
     for (auto& eight : children)
       for (Cell& child : eight)
@@ -176,9 +176,8 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
     ++level;
   }
   std::vector<std::vector<Patch>> pieces(cells.size());
-  parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
-    refine(spheres, cells[i], level, pieces[i], context);
-  });
+  parallel_for(context, {}, cells.size(), 1,
+               [&](std::size_t i, std::size_t) { refine(spheres, cells[i], level, pieces[i], context); });
   return joined(pieces);
 }
 

@@ -9,7 +9,8 @@ namespace spherule {
 
 std::string encode_png(const Image& image) {
   SPHERULE_CHECK(image.width > 0 && image.height > 0);
-  SPHERULE_CHECK(image.rgba.size() == 4 * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height));
+  SPHERULE_CHECK(image.rgba.size() ==
+                 4 * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height));
   OIIO::ImageSpec spec(image.width, image.height, 4, OIIO::TypeDesc::UINT8);
   spec.attribute("oiio:ColorSpace", "sRGB");
   spec.attribute("oiio:UnassociatedAlpha", 1);

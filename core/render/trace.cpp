@@ -19,9 +19,10 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-struct FloatPatch {
-  std::array<float, 3> min, max;
-  std::uint32_t ball;
+// A patch as rays need it: the ball itself, so that one look into memory answers.
+struct Primitive {
+  Sphere ball;
+  std::uint32_t index;
 };
 
 struct DeviceDeleter {
@@ -44,9 +45,11 @@ struct Query {
 }  // namespace
 
 struct Tracer::Scene {
-  std::span<const Sphere> spheres;
-  std::vector<FloatPatch> patches;
-  Vec3 centre;  // Embree's coordinates are relative to it, where single precision is finest
+  std::vector<Primitive> primitives;
+  std::span<const Patch> patches;  // only while the hierarchy is built
+  Vec3 centre;                     // Embree's coordinates are relative to it, where single precision is finest
+  // Boxes grow by more than single precision can lose on the way of a ray through the scene.
+  double slack = 0;
   Device device;
   EmbreeScene scene;
 
@@ -75,22 +78,23 @@ struct Tracer::Scene {
     return distance >= 0 ? distance : std::numeric_limits<double>::infinity();
   }
 
-  static const Sphere& ball_of(const void* user, unsigned primitive, std::uint32_t& index) {
-    const auto& scene = *static_cast<const Scene*>(user);
-    index = scene.patches[primitive].ball;
-    return scene.spheres[index];
+  static const Primitive& primitive_of(const void* user, unsigned index) {
+    return static_cast<const Scene*>(user)->primitives[index];
   }
 
   static void bounds(const RTCBoundsFunctionArguments* arguments) {
-    const FloatPatch& patch = static_cast<const Scene*>(arguments->geometryUserPtr)->patches[arguments->primID];
-    *arguments->bounds_o = {patch.min[0], patch.min[1], patch.min[2], 0, patch.max[0], patch.max[1], patch.max[2], 0};
+    const auto& scene = *static_cast<const Scene*>(arguments->geometryUserPtr);
+    const Box& box = scene.patches[arguments->primID].box;
+    const Vec3 grow{scene.slack, scene.slack, scene.slack};
+    const Vec3 min = box.min - scene.centre - grow, max = box.max - scene.centre + grow;
+    *arguments->bounds_o = {static_cast<float>(min.x), static_cast<float>(min.y), static_cast<float>(min.z), 0,
+                            static_cast<float>(max.x), static_cast<float>(max.y), static_cast<float>(max.z), 0};
   }
 
   static void intersect(const RTCIntersectFunctionNArguments* arguments) {
     if (arguments->valid[0] == 0) return;
     auto& query = *reinterpret_cast<Query*>(arguments->context);
-    std::uint32_t index = 0;
-    const Sphere& ball = ball_of(arguments->geometryUserPtr, arguments->primID, index);
+    const auto& [ball, index] = primitive_of(arguments->geometryUserPtr, arguments->primID);
     const double distance = entry(query.ray, ball);
     if (distance > query.distance || (distance == query.distance && index >= query.ball)) return;
     query.distance = distance;
@@ -104,9 +108,8 @@ struct Tracer::Scene {
   static void occluded(const RTCOccludedFunctionNArguments* arguments) {
     if (arguments->valid[0] == 0) return;
     const auto& query = *reinterpret_cast<const Query*>(arguments->context);
-    std::uint32_t index = 0;
-    const Sphere& ball = ball_of(arguments->geometryUserPtr, arguments->primID, index);
-    if (std::isfinite(entry(query.ray, ball))) reinterpret_cast<RTCRay*>(arguments->ray)->tfar = -kInfinity;
+    const Primitive& primitive = primitive_of(arguments->geometryUserPtr, arguments->primID);
+    if (std::isfinite(entry(query.ray, primitive.ball))) reinterpret_cast<RTCRay*>(arguments->ray)->tfar = -kInfinity;
   }
 
   static bool keep_building(void* context, double) {
@@ -116,40 +119,33 @@ struct Tracer::Scene {
 
 Tracer::Tracer(std::span<const Sphere> spheres, std::span<const Patch> patches, const Context& context) {
   auto made = std::make_unique<Scene>();
-  made->spheres = spheres;
   Box all;
-  for (const Patch& patch : patches) all.include(patch.box.min), all.include(patch.box.max);
-  made->centre = 0.5 * (all.min + all.max);
-  // Boxes grow by more than single precision can lose on the way of a ray through the scene.
-  const Vec3 extent = all.max - all.min;
-  const double slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
-  made->patches.reserve(patches.size());
+  made->primitives.reserve(patches.size());
   for (const Patch& patch : patches) {
-    FloatPatch& small = made->patches.emplace_back();
-    for (int a = 0; a < 3; ++a) {
-      small.min[static_cast<std::size_t>(a)] = static_cast<float>(patch.box.min[a] - made->centre[a] - slack);
-      small.max[static_cast<std::size_t>(a)] = static_cast<float>(patch.box.max[a] - made->centre[a] + slack);
-    }
-    small.ball = patch.ball;
+    all.include(patch.box.min), all.include(patch.box.max);
+    made->primitives.push_back({spheres[patch.ball], patch.ball});
   }
+  made->patches = patches;
+  made->centre = 0.5 * (all.min + all.max);
+  const Vec3 extent = all.max - all.min;
+  made->slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
 
   made->device.reset(rtcNewDevice(("threads=" + std::to_string(std::max(1U, context.threads))).c_str()));
   if (!made->device) throw std::bad_alloc();
   made->scene.reset(rtcNewScene(made->device.get()));
-  rtcSetSceneFlags(made->scene.get(), RTC_SCENE_FLAG_ROBUST);
   RTCGeometry geometry = rtcNewGeometry(made->device.get(), RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(made->patches.size()));
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(made->primitives.size()));
   rtcSetGeometryUserData(geometry, made.get());
-  rtcSetGeometryBoundsFunction(
-      geometry, [](const RTCBoundsFunctionArguments* a) { Scene::bounds(a); }, nullptr);
-  rtcSetGeometryIntersectFunction(geometry, [](const RTCIntersectFunctionNArguments* a) { Scene::intersect(a); });
-  rtcSetGeometryOccludedFunction(geometry, [](const RTCOccludedFunctionNArguments* a) { Scene::occluded(a); });
+  rtcSetGeometryBoundsFunction(geometry, &Scene::bounds, nullptr);
+  rtcSetGeometryIntersectFunction(geometry, &Scene::intersect);
+  rtcSetGeometryOccludedFunction(geometry, &Scene::occluded);
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(made->scene.get(), geometry);
   rtcReleaseGeometry(geometry);
   rtcSetSceneProgressMonitorFunction(made->scene.get(), &Scene::keep_building, const_cast<Context*>(&context));
   rtcCommitScene(made->scene.get());
   rtcSetSceneProgressMonitorFunction(made->scene.get(), nullptr, nullptr);
+  made->patches = {};
   context.throw_if_cancelled();
   const RTCError error = rtcGetDeviceError(made->device.get());
   if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
