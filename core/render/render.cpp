@@ -19,7 +19,6 @@ namespace {
 
 constexpr double kMargin = 0.04;  // of each side of the picture
 constexpr int kTile = 32;         // pixels
-constexpr int kSkyRays = 2;       // a camera ray
 
 // Linear light, red green blue.
 using Colour = Vec3;
@@ -28,12 +27,12 @@ constexpr Colour operator*(Colour a, Colour b) { return {a.x * b.x, a.y * b.y, a
 
 // The look: bone-like material, a warm key light over the viewer's left shoulder, a cooler sky brighter above and
 // behind the viewer than below.
-constexpr Colour kMaterial{0.86, 0.70, 0.52};
-constexpr Colour kKey{1.25, 1.17, 1.05};
+constexpr Colour kMaterial{0.90, 0.71, 0.50};
+constexpr Colour kKey{1.22, 1.16, 1.06};
 constexpr double kKeyRadius = 0.10;  // tangent of the half angle under which the key light is seen
-constexpr Colour kSkyAbove{0.30, 0.36, 0.46};
-constexpr Colour kSkyBelow{0.10, 0.08, 0.07};
-constexpr Colour kSkyBehindViewer{0.16, 0.17, 0.18};
+constexpr Colour kSkyAbove{0.27, 0.32, 0.40};
+constexpr Colour kSkyBelow{0.20, 0.14, 0.10};
+constexpr Colour kSkyBehindViewer{0.16, 0.16, 0.16};
 
 // A point of the unit square: element `index` of the R2 sequence, shifted by the pixel.
 struct Square {
@@ -77,10 +76,8 @@ struct Scene {
 
   Colour shade(Vec3 point, Vec3 normal, int x, int y, int sample) const {
     const Vec3 start = point + offset * normal;
-    int open = 0;
-    for (int i = 0; i < kSkyRays; ++i)
-      open += !tracer.blocked({start, sky_direction(normal, quasi_random(x, y, sample * kSkyRays + i, 0))});
-    Colour light = (static_cast<double>(open) / kSkyRays) * open_sky(normal);
+    Colour light;
+    if (!tracer.blocked({start, sky_direction(normal, quasi_random(x, y, sample, 0))})) light = open_sky(normal);
     const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(quasi_random(x, y, sample, 1)));
     const double cosine = dot(normal, towards);
     if (cosine > 0 && !tracer.blocked({start, towards})) light = light + cosine * kKey;
