@@ -19,6 +19,8 @@ namespace {
 
 constexpr double kMargin = 0.04;  // of each side of the picture
 constexpr int kTile = 32;         // pixels
+constexpr int kMaxSamples = 64;   // camera rays a pixel
+constexpr double kWellLit = 0.7;  // part of the sky rays that get through
 
 // Linear light, red green blue.
 using Colour = Vec3;
@@ -74,35 +76,56 @@ struct Scene {
     return up * kSkyAbove + (1 - up) * kSkyBelow + front * kSkyBehindViewer;
   }
 
-  Colour shade(Vec3 point, Vec3 normal, int x, int y, int sample) const {
-    const Vec3 start = point + offset * normal;
-    Colour light;
-    if (!tracer.blocked({start, sky_direction(normal, quasi_random(x, y, sample, 0))})) light = open_sky(normal);
-    const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(quasi_random(x, y, sample, 1)));
-    const double cosine = dot(normal, towards);
-    if (cosine > 0 && !tracer.blocked({start, towards})) light = light + cosine * kKey;
-    return kMaterial * light;
+  // Where a camera ray meets the object, a hair above the surface.
+  struct Place {
+    Vec3 start, normal;
+  };
+
+  bool sees_sky(const Place& place, Square s) const {
+    return !tracer.blocked({place.start, sky_direction(place.normal, s)});
+  }
+
+  // The key light at a place: one shadow ray to a point of the lamp.
+  Colour key_light(const Place& place, Square s) const {
+    const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(s));
+    const double cosine = dot(place.normal, towards);
+    return cosine > 0 && !tracer.blocked({place.start, towards}) ? cosine * kKey : Colour{};
   }
 
   // The mean colour of the pixel's rays that meet the object, and the part of them that does.
   std::pair<Colour, double> pixel(int x, int y, const RenderOptions& options) const {
     const int n = options.samples_per_axis;
-    Colour sum;
+    std::array<Place, kMaxSamples> places;
     int hits = 0;
     for (int sample = 0; sample < n * n; ++sample) {
       const double px = x + (sample % n + 0.5) / n - 0.5 * options.width;
       const double py = y + (sample / n + 0.5) / n - 0.5 * options.height;
-      const Vec3 origin =
-          camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward;
-      const auto hit = tracer.first_hit({origin, camera.forward});
+      const Ray ray{camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward,
+                    camera.forward};
+      const auto hit = tracer.first_hit(ray);
       if (!hit) continue;
-      ++hits;
-      const Vec3 point = origin + hit->distance * camera.forward;
+      const Vec3 point = ray.origin + hit->distance * ray.direction;
       const Vec3 normal = normalised(point - model.spheres[hit->ball].centre);
-      sum = sum + shade(point, normal, x, y, sample);
+      places[static_cast<std::size_t>(hits++)] = {point + offset * normal, normal};
     }
     if (hits == 0) return {{}, 0};
-    return {(1.0 / hits) * sum, static_cast<double>(hits) / (n * n)};
+
+    Colour key_sum, sky_sum;
+    int rays = 0, open = 0;
+    const auto look_up = [&] {
+      for (int i = 0; i < hits; ++i)
+        open += sees_sky(places[static_cast<std::size_t>(i)], quasi_random(x, y, rays++, 0));
+    };
+    look_up();
+    // In half shade the few rays of one round would leave visible grain.
+    if (open > 0 && open < kWellLit * hits) look_up(), look_up();
+    for (int i = 0; i < hits; ++i) {
+      const Place& place = places[static_cast<std::size_t>(i)];
+      key_sum = key_sum + key_light(place, quasi_random(x, y, i, 1));
+      sky_sum = sky_sum + open_sky(place.normal);
+    }
+    const Colour light = key_sum + (static_cast<double>(open) / rays) * sky_sum;
+    return {(1.0 / hits) * (kMaterial * light), static_cast<double>(hits) / (n * n)};
   }
 };
 
