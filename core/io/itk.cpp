@@ -67,33 +67,35 @@ ItkHeader parse_with_itk(ItkFormat format, const std::string& header) {
   static std::mutex mutex;
   const std::lock_guard lock(mutex);
   const MemoryFile file(header);
-  itk::ImageIOBase::Pointer reader;
-  if (format == ItkFormat::nrrd) {
-    reader = itk::NrrdImageIO::New();
-  } else {
-    reader = itk::MetaImageIO::New();
-  }
   try {
+    itk::ImageIOBase::Pointer reader;
+    if (format == ItkFormat::nrrd) {
+      reader = itk::NrrdImageIO::New();
+    } else {
+      reader = itk::MetaImageIO::New();
+    }
     reader->SetFileName(file.path());
     reader->ReadImageInformation();
+    if (reader->GetPixelType() != itk::IOPixelEnum::SCALAR || reader->GetNumberOfComponents() != 1 ||
+        reader->GetNumberOfDimensions() != 3) {
+      throw Error(
+          ErrorCode::unusable,
+          "The file does not hold one scalar a voxel (colours, vectors or text); split it into one volume each.");
+    }
+    ItkHeader result;
+    result.type = voxel_type_of(reader->GetComponentType(), reader->GetComponentSize());
+    for (unsigned a = 0; a < 3; ++a) {
+      result.dims[a] = static_cast<std::int64_t>(reader->GetDimensions(a));
+      const std::vector<double> direction = reader->GetDirection(a);
+      const int axis = static_cast<int>(a);
+      for (unsigned r = 0; r < 3; ++r) result.axes.rows[r][axis] = direction[r] * reader->GetSpacing(a);
+      result.origin[axis] = reader->GetOrigin(a);
+    }
+    return result;
   } catch (const itk::ExceptionObject&) {
     throw Error(ErrorCode::unusable,
                 "The header's sample type must be an 8- to 64-bit integer, float or double, and all its fields known.");
   }
-  if (reader->GetNumberOfComponents() != 1 || reader->GetNumberOfDimensions() != 3) {
-    throw Error(ErrorCode::unusable,
-                "The file holds colours or vectors, not one scalar a voxel; split it into one volume each.");
-  }
-  ItkHeader result;
-  result.type = voxel_type_of(reader->GetComponentType(), reader->GetComponentSize());
-  for (unsigned a = 0; a < 3; ++a) {
-    result.dims[a] = static_cast<std::int64_t>(reader->GetDimensions(a));
-    const std::vector<double> direction = reader->GetDirection(a);
-    const int axis = static_cast<int>(a);
-    for (unsigned r = 0; r < 3; ++r) result.axes.rows[r][axis] = direction[r] * reader->GetSpacing(a);
-    result.origin[axis] = reader->GetOrigin(a);
-  }
-  return result;
 }
 
 }  // namespace spherule

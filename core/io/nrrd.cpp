@@ -284,11 +284,9 @@ SampleSource source_of(const Fields& fields, const std::filesystem::path& header
       names = {*data};
     }
     source.files = named_files(names, files);
-  } else if (fields.attached) {
+  } else {
     source.files = {header};
     source.offset = fields.end;
-  } else {
-    fail_malformed("The NRRD header ends without an empty line or a data file; send the whole file.");
   }
   const std::string* line_skip = fields.find("lineskip");
   const std::string* byte_skip = fields.find("byteskip");
@@ -319,6 +317,9 @@ Volume read_nrrd(const std::filesystem::path& header, const std::vector<std::fil
   const Fields fields = parse_fields(text);
   if (!fields.attached && text.size() == options.limits.max_header_bytes) {
     throw Error(ErrorCode::too_large, "The NRRD header is longer than allowed; remove what the volume does not need.");
+  }
+  if (!fields.attached && !fields.find("datafile")) {
+    fail_malformed("The NRRD header ends without an empty line or a data file; send the whole file.");
   }
   const Axes axes = axes_of(fields);
 

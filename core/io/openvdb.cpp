@@ -6,7 +6,7 @@
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Dense.h>
 
-#include <cstring>
+#include <algorithm>
 #include <fstream>
 
 #include "core/io/read_bytes.h"
@@ -205,6 +205,81 @@ void place(Volume& volume, std::array<std::int32_t, 3> dims, const openvdb::math
   volume.grid = grid_from_affine(dims, axes, {origin.x(), origin.y(), origin.z()});
 }
 
+// The nodes of a tree, without the values of its leaves. OpenVDB's own functions for this lose what they have read, or
+// crash, when they meet a damaged node: here every node is whole at any time and belongs to somebody.
+template <typename Tree>
+class TopologyReader {
+  using Root = typename Tree::RootNodeType;
+  using Leaf = typename Tree::LeafNodeType;
+  using Value = typename Tree::ValueType;
+  using Stored = std::conditional_t<std::is_same_v<Value, bool>, std::uint8_t, Value>;
+
+ public:
+  TopologyReader(Stream& stream, bool from_half, const ReadLimits& limits)
+      : stream_(stream), from_half_(from_half), max_bytes_(limits.max_bytes) {}
+
+  void read(Root& root) {
+    if (stream_.value<std::int32_t>() != 1) fail_damaged();  // buffers of a leaf
+    root.setBackground(value(), /*updateChildNodes=*/false);
+    background_ = root.background();
+    openvdb::io::setGridBackgroundValuePtr(stream_.in(), &root.background());
+    const std::uint64_t tiles = stream_.value<std::uint32_t>();
+    const std::uint64_t children = stream_.value<std::uint32_t>();
+    for (std::uint64_t i = 0; i < tiles; ++i) {
+      const openvdb::Coord origin = coord();
+      const Value v = value();
+      root.addTile(origin, v, stream_.value<char>() != 0);
+    }
+    for (std::uint64_t i = 0; i < children; ++i) root.addChild(node<typename Root::ChildNodeType>(coord()).release());
+  }
+
+ private:
+  Value value() { return static_cast<Value>(stream_.value<Stored>()); }
+
+  openvdb::Coord coord() {
+    const auto i = stream_.value<std::int32_t>(), j = stream_.value<std::int32_t>(), k = stream_.value<std::int32_t>();
+    return {i, j, k};
+  }
+
+  // An internal node takes some 33 times what it needs in the file.
+  void account(std::size_t bytes) {
+    bytes_ += bytes;
+    if (bytes_ > max_bytes_) {
+      throw Error(ErrorCode::too_large, "The OpenVDB tree is larger than allowed; prune or resample the grid.");
+    }
+  }
+
+  template <typename Node>
+  std::unique_ptr<Node> node(const openvdb::Coord& origin) {
+    account(sizeof(Node));
+    if constexpr (std::is_same_v<Node, Leaf>) {
+      auto leaf = std::make_unique<Leaf>(openvdb::PartialCreate(), origin, background_);
+      leaf->readTopology(stream_.in(), from_half_);
+      return leaf;
+    } else {
+      auto made = std::make_unique<Node>(origin, background_, false);
+      typename Node::NodeMaskType child_mask, value_mask;
+      child_mask.load(stream_.in());
+      value_mask.load(stream_.in());
+      if (!(child_mask & value_mask).isOff()) fail_damaged();
+      {
+        const auto values = std::make_unique<Value[]>(Node::NUM_VALUES);
+        openvdb::io::readCompressedValues(stream_.in(), values.get(), Node::NUM_VALUES, value_mask, from_half_);
+        for (auto n = child_mask.beginOff(); n; ++n) made->addTile(n.pos(), values[n.pos()], value_mask.isOn(n.pos()));
+      }
+      for (auto n = child_mask.beginOn(); n; ++n) {
+        made->addChild(node<typename Node::ChildNodeType>(made->offsetToGlobalCoord(n.pos())).release());
+      }
+      return made;
+    }
+  }
+
+  Stream& stream_;
+  bool from_half_;
+  std::size_t max_bytes_, bytes_ = 0;
+  Value background_{};
+};
+
 template <typename GridType>
 void read_grid(Volume& volume, Stream& stream, const File& file, const Descriptor& descriptor,
                const ReadOptions& options, const Context& context) {
@@ -232,7 +307,7 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   const typename GridType::Ptr grid = GridType::create();
   grid->setSaveFloatAsHalf(descriptor.half);
   grid->readTransform(in);
-  grid->readTopology(in);
+  TopologyReader<typename GridType::TreeType>(stream, descriptor.half, options.limits).read(grid->tree().root());
 
   openvdb::CoordBBox box;
   if (!grid->tree().evalActiveVoxelBoundingBox(box)) {
@@ -251,7 +326,7 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   box.expand(1);
   place(volume, dims, grid->transform(), box.min());
   // Leaves in the file need not be dense, but their buffers are: they count like samples.
-  checked_dims({grid->tree().leafCount(), 512, 1}, volume.type, options.limits);
+  checked_dims({std::max<std::int64_t>(grid->tree().leafCount(), 1), 512, 1}, volume.type, options.limits);
   context.throw_if_cancelled();
   context.report("read", 0.2);
   grid->readBuffers(in);
@@ -262,6 +337,10 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   volume.voxels.resize(volume.grid.sample_count() * sizeof(Stored));
   openvdb::tools::Dense<Stored, openvdb::tools::LayoutXYZ> dense(box, reinterpret_cast<Stored*>(volume.voxels.data()));
   openvdb::tools::copyToDense(*grid, dense, /*serial=*/context.threads <= 1);
+  // A damaged tile of a bool grid may be of any value.
+  if constexpr (std::is_same_v<Value, bool>) {
+    for (std::byte& v : volume.voxels) v = v == std::byte{0} ? v : std::byte{1};
+  }
   context.report("read", 1);
 }
 
@@ -281,6 +360,8 @@ Volume read_openvdb(const std::filesystem::path& path, const ReadOptions& option
     const File file = read_file_header(stream);
     const Descriptor& grid = chosen_grid(file, options.grid);
     with_grid_type(grid.type, [&]<typename G>(Of<G>) { read_grid<G>(volume, stream, file, grid, options, context); });
+  } catch (const openvdb::ArithmeticError&) {
+    throw Error(ErrorCode::unusable, "The OpenVDB grid's transform is singular; give it a scale above zero.");
   } catch (const openvdb::Exception&) {
     fail_damaged();
   } catch (const std::ios::failure&) {

@@ -17,9 +17,9 @@ namespace spherule {
 
 /// What a reader refuses before it takes memory.
 struct ReadLimits {
-  std::size_t max_voxels = std::size_t{1} << 31;        ///< samples in one volume
-  std::size_t max_bytes = std::size_t{8} << 30;         ///< of decoded samples
-  std::size_t max_header_bytes = std::size_t{1} << 20;  ///< of a text header
+  std::size_t max_voxels = std::size_t{1} << 31;         ///< samples in one volume
+  std::size_t max_bytes = std::size_t{8} << 30;          ///< of decoded samples
+  std::size_t max_header_bytes = std::size_t{16} << 20;  ///< of a header with its extensions
 };
 
 /// Description of headerless samples (`?format=raw`).
@@ -27,22 +27,24 @@ struct RawLayout {
   std::array<std::int32_t, 3> dims{0, 0, 0};
   VoxelType type = VoxelType::uint8;
   Vec3 spacing{1, 1, 1};  ///< mm
-  Vec3 origin;            ///< LPS mm of sample (0, 0, 0)
+  Vec3 origin{};          ///< LPS mm of sample (0, 0, 0)
   bool big_endian = false;
 };
 
 struct ReadOptions {
-  std::optional<RawLayout> raw;  ///< set: the bytes have no header and this describes them
-  std::optional<int> frame;      ///< of a 4-D file; without it a file of several frames is refused
-  std::string grid;              ///< OpenVDB: name of the grid; empty: the only (or first) float grid
-  ReadLimits limits;
+  std::optional<RawLayout> raw{};  ///< set: the bytes have no header and this describes them
+  std::optional<int> frame{};      ///< which volume of a 4-D file, from 0; without it a file of several is refused
+  std::string grid{};              ///< OpenVDB: name of the grid; empty: the first scalar one
+  ReadLimits limits{};
 };
 
 /// Reads a volume from one file, or from several in one folder (header + data pairs; slices).
 /// Throws: unknown_format when no reader recognises the bytes; malformed when they are cut, contradict their header
 /// or do not parse; unusable when they parse but are not one scalar volume on a straight grid (4-D without `frame`,
 /// colour, sheared or singular affine, zero or negative sizes or spacings); too_large over the limits, before memory
-/// is taken. A data file that a header names must be among `files`, by plain name: paths are refused.
+/// is taken; invalid_argument for a frame or raw layout that is not possible; not_found for a grid that is not there or
+/// a file that cannot be opened; cancelled. A data file that a header names must be among `files`, by plain name: paths
+/// are refused. Bytes after the last sample, lengths of unknown unit and values that are not finite add warnings.
 /// Memory: the samples once, in their stored type. Thread safe: distinct calls share nothing mutable.
 Volume read_volume(const std::vector<std::filesystem::path>& files, const ReadOptions& options = {},
                    const Context& context = {});

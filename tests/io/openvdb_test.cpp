@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <openvdb/io/File.h>
+#include <openvdb/io/Stream.h>
+#include <openvdb/openvdb.h>
+#include <openvdb/points/PointDataGrid.h>
+#include <openvdb/tools/LevelSetSphere.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <fstream>
+#include <sstream>
+
+#include "tests/io/files.h"
+
+namespace spherule::test {
+namespace {
+
+namespace vdb = openvdb;
+
+constexpr std::uint32_t kCompressions[] = {vdb::io::COMPRESS_NONE, vdb::io::COMPRESS_ZIP,
+                                           vdb::io::COMPRESS_BLOSC | vdb::io::COMPRESS_ACTIVE_MASK};
+
+std::string vdb_bytes(const vdb::GridCPtrVec& grids, std::uint32_t compression = vdb::io::COMPRESS_ACTIVE_MASK) {
+  vdb::initialize();
+  const TempFolder folder;
+  const auto path = folder.path() / "made.vdb";
+  vdb::io::File file(path.string());
+  file.setCompression(compression);
+  file.write(grids);
+  file.close();
+  return bytes_of_file(path);
+}
+
+Volume read(const std::string& bytes, const ReadOptions& options = {}) {
+  const TempFolder folder;
+  return read_volume({folder.add("doe.vdb", bytes)}, options);
+}
+
+void refuse(const std::string& bytes, ErrorCode code, const ReadOptions& options = {}) {
+  const TempFolder folder;
+  expect_refused_cheaply({folder.add("doe.vdb", bytes)}, code, options);
+}
+
+// Active voxels in the box (1, -2, 3) … (9, 5, 12), with telling values; a tile of 8³ far off the origin within them.
+template <typename GridType>
+typename GridType::Ptr telling_grid(const std::string& name = "density") {
+  using T = typename GridType::ValueType;
+  const auto grid = GridType::create(T(1));
+  grid->setName(name);
+  auto accessor = grid->getAccessor();
+  int n = 0;
+  for (int k = 3; k <= 12; ++k) {
+    for (int j = -2; j <= 5; ++j) {
+      for (int i = 1; i <= 9; ++i, ++n) accessor.setValue({i, j, k}, T(n % 3 ? n : 0));
+    }
+  }
+  return grid;
+}
+
+template <typename GridType, typename Stored>
+void expect_telling(const Volume& volume, const GridType& grid) {
+  ASSERT_EQ(volume.grid.dims, (std::array{11, 10, 12}));
+  const auto values = samples<Stored>(volume);
+  const auto accessor = grid.getConstAccessor();
+  std::size_t at = 0;
+  for (int k = 2; k <= 13; ++k) {
+    for (int j = -3; j <= 6; ++j) {
+      for (int i = 0; i <= 10; ++i) {
+        ASSERT_EQ(values[at++], static_cast<Stored>(accessor.getValue({i, j, k}))) << i << " " << j << " " << k;
+      }
+    }
+  }
+}
+
+TEST(OpenVdb, ReadsEveryTypeInEveryCompression) {
+  const auto check = [&]<typename GridType, typename Stored>(const GridType&, Stored) {
+    const auto grid = telling_grid<GridType>();
+    for (const std::uint32_t compression : kCompressions) {
+      const Volume volume = read(vdb_bytes({grid}, compression));
+      expect_telling<GridType, Stored>(volume, *grid);
+      EXPECT_EQ(volume.format, "openvdb");
+      EXPECT_EQ(volume.natural_side, Side::above);
+      EXPECT_TRUE(warns(volume, "taken as mm"));
+    }
+  };
+  check(vdb::FloatGrid(), float{});
+  check(vdb::DoubleGrid(), double{});
+  check(vdb::Int32Grid(), std::int32_t{});
+  check(vdb::Int64Grid(), std::int64_t{});
+  check(vdb::BoolGrid(), std::uint8_t{});
+}
+
+TEST(OpenVdb, ReadsHalfFloats) {
+  const auto grid = telling_grid<vdb::FloatGrid>();
+  grid->setSaveFloatAsHalf(true);
+  expect_telling<vdb::FloatGrid, float>(read(vdb_bytes({grid})), *grid);  // 0 … 719 are exact in half precision
+}
+
+TEST(OpenVdb, SetsTheSideByTheGridsClassAndKeepsTheInside) {
+  const auto level_set = vdb::tools::createLevelSetSphere<vdb::FloatGrid>(3.0F, {1, 2, 3}, 0.25F, 3.0F);
+  const Volume volume = read(vdb_bytes({level_set}));
+  EXPECT_EQ(volume.natural_side, Side::below);
+  const auto [x, y, z] = volume.grid.dims;
+  EXPECT_EQ(x, y);
+  EXPECT_EQ(y, z);
+  expect_near(volume.grid.spacing, {0.25, 0.25, 0.25}, 1e-12);
+  // Deep inside, no voxel is active; the corner is outside.
+  EXPECT_EQ(value_at(volume, x / 2, y / 2, z / 2), -0.75);
+  EXPECT_EQ(value_at(volume, 0, 0, 0), 0.75);
+  expect_near(volume.grid.to_patient(0.25 * Vec3{x / 2 + 0.0, y / 2 + 0.0, z / 2 + 0.0}), {1, 2, 3}, 1e-12);
+  // The narrow band is three voxels wide on either side, the padding one more.
+  EXPECT_NEAR(x, 2 * (3.0 / 0.25 + 3) + 1, 2);
+
+  const auto fog = telling_grid<vdb::FloatGrid>();
+  fog->setGridClass(vdb::GRID_FOG_VOLUME);
+  EXPECT_EQ(read(vdb_bytes({fog})).natural_side, Side::above);
+}
+
+TEST(OpenVdb, KeepsTilesAndTheirValues) {
+  const auto grid = vdb::FloatGrid::create(0.5F);
+  grid->fill(vdb::CoordBBox({0, 0, 0}, {15, 15, 15}), 2.0F, true);   // active tiles
+  grid->fill(vdb::CoordBBox({16, 0, 0}, {23, 7, 7}), -1.0F, false);  // an inactive one beside them
+  const Volume volume = read(vdb_bytes({grid}));
+  EXPECT_EQ(volume.grid.dims, (std::array{18, 18, 18}));
+  EXPECT_EQ(value_at(volume, 1, 1, 1), 2);
+  EXPECT_EQ(value_at(volume, 16, 16, 16), 2);
+  EXPECT_EQ(value_at(volume, 17, 1, 1), -1);
+  EXPECT_EQ(value_at(volume, 17, 17, 17), 0.5);
+  EXPECT_EQ(value_at(volume, 0, 0, 0), 0.5);
+}
+
+TEST(OpenVdb, PlacesTheGridByItsTransform) {
+  const auto grid = telling_grid<vdb::FloatGrid>();
+  // Row vectors: i goes to y, j against x, k to z; then a move.
+  grid->setTransform(vdb::math::Transform::createLinearTransform(
+      vdb::math::Mat4d(0, 2, 0, 0, -3, 0, 0, 0, 0, 0, 4, 0, 10, 20, 30, 1)));
+  const Volume volume = read(vdb_bytes({grid}));
+  expect_step(volume, 0, {0, 2, 0});
+  expect_step(volume, 1, {-3, 0, 0});
+  expect_step(volume, 2, {0, 0, 4});
+  expect_near(volume.grid.origin, {10 + 9, 20 + 0, 30 + 8}, 1e-12);  // of voxel (0, -3, 2)
+
+  grid->setTransform(vdb::math::Transform::createLinearTransform(
+      vdb::math::Mat4d(1., .1, 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.)));
+  refuse(vdb_bytes({grid}), ErrorCode::unusable);
+  // OpenVDB does not make a singular map, so one is made of the bytes of another.
+  grid->setTransform(vdb::math::Transform::createLinearTransform(
+      vdb::math::Mat4d(1., 7.25, 0., 0., -7.25, 1., 0., 0., 0., 0., 3.5, 0., 0., 0., 0., 1.)));
+  std::string singular = vdb_bytes({grid});
+  singular.replace(singular.find(bytes_of(3.5, false)), 8, bytes_of(0.0, false));
+  refuse(singular, ErrorCode::unusable);
+  grid->setTransform(vdb::math::Transform::createFrustumTransform(vdb::BBoxd({0, 0, 0}, {20, 20, 20}), 0.5, 10.0));
+  refuse(vdb_bytes({grid}), ErrorCode::unusable);
+}
+
+TEST(OpenVdb, ChoosesTheGridByNameElseTheFirstScalarOne) {
+  const auto vectors = vdb::Vec3SGrid::create();
+  vectors->setName("velocity");
+  vectors->getAccessor().setValue({0, 0, 0}, vdb::Vec3s(1, 2, 3));
+  const auto one = vdb::FloatGrid::create();
+  one->setName("one");
+  one->getAccessor().setValue({0, 0, 0}, 1);
+  const auto two = vdb::Int32Grid::create();
+  two->setName("two");
+  two->getAccessor().setValue({0, 0, 0}, 2);
+  two->insertMeta("note", vdb::StringMetadata("doe"));
+  const std::string bytes = vdb_bytes({vectors, one, two});
+  EXPECT_EQ(value_at(read(bytes), 1, 1, 1), 1);
+  EXPECT_EQ(value_at(read(bytes, {.grid = "two"}), 1, 1, 1), 2);
+  refuse(bytes, ErrorCode::not_found, {.grid = "three"});
+  refuse(bytes, ErrorCode::unusable, {.grid = "velocity"});
+  refuse(vdb_bytes({vectors}), ErrorCode::unusable);
+  refuse(vdb_bytes({}), ErrorCode::unusable);
+  // Equal names are told apart by the file; the first is meant.
+  EXPECT_EQ(value_at(read(vdb_bytes({one, one->deepCopy()}), {.grid = "one"}), 1, 1, 1), 1);
+  // A grid that shares another one's tree.
+  const auto shared = one->copy();
+  shared->setName("shared");
+  refuse(vdb_bytes({one, shared}), ErrorCode::unusable, {.grid = "shared"});
+}
+
+TEST(OpenVdb, RefusesEmptyHugeAndFramedGrids) {
+  refuse(vdb_bytes({vdb::FloatGrid::create()}), ErrorCode::unusable);
+  const auto wide = vdb::FloatGrid::create();
+  wide->getAccessor().setValue({-2000000, 0, 0}, 1);
+  wide->getAccessor().setValue({2000000, 2000000, 2000000}, 1);
+  refuse(vdb_bytes({wide}), ErrorCode::too_large);
+  const auto tile = vdb::FloatGrid::create();
+  tile->tree().addTile(3, {0, 0, 0}, 1, true);  // 4096³ in one value
+  refuse(vdb_bytes({tile}), ErrorCode::too_large);
+  const auto end = vdb::FloatGrid::create();
+  end->getAccessor().setValue({INT32_MAX, 0, 0}, 1);
+  refuse(vdb_bytes({end}), ErrorCode::unusable);
+  const std::string bytes = vdb_bytes({telling_grid<vdb::FloatGrid>()});
+  refuse(bytes, ErrorCode::too_large, {.limits = {.max_voxels = 1319}});
+  EXPECT_NO_THROW(read(bytes, {.limits = {.max_voxels = 8 * 512}}));
+  refuse(bytes, ErrorCode::invalid_argument, {.frame = 1});
+}
+
+TEST(OpenVdb, RefusesOtherVersionsAndStreams) {
+  std::string bytes = vdb_bytes({telling_grid<vdb::FloatGrid>()});
+  for (const std::uint32_t version : {0U, 200U, 221U, 225U, UINT32_MAX}) {
+    bytes.replace(8, 4, bytes_of(version, false));
+    refuse(bytes, ErrorCode::unusable);
+  }
+  std::ostringstream stream;
+  vdb::io::Stream(stream).write(vdb::GridCPtrVec{telling_grid<vdb::FloatGrid>()});
+  refuse(stream.str(), ErrorCode::unusable);
+}
+
+TEST(OpenVdb, RefusesCutFiles) {
+  for (const std::uint32_t compression : kCompressions) {
+    const std::string bytes = vdb_bytes({telling_grid<vdb::FloatGrid>()}, compression);
+    for (std::size_t size = 12; size < bytes.size(); size += 1 + bytes.size() / 200) {
+      const TempFolder folder;
+      expect_refused({folder.add("doe.vdb", bytes.substr(0, size))}, ErrorCode::malformed);
+    }
+  }
+}
+
+// A small file damaged in one place after another: whatever comes of it, it is an Error or a volume, and nothing is
+// lost on the way (a tree that is lost when its reading fails adds up to gigabytes here).
+TEST(OpenVdb, SurvivesDamageAnywhereWithoutLosingMemory) {
+  const auto level_set = vdb::tools::createLevelSetSphere<vdb::FloatGrid>(3.0F, {1, 2, 3}, 1.0F, 2.0F);
+  for (const std::uint32_t compression : kCompressions) {
+    const std::string bytes = vdb_bytes({level_set}, compression);
+    const TempFolder folder;
+    const auto file = folder.add("doe.vdb", bytes);
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      const ReadOptions options{.limits = {.max_bytes = std::size_t{1} << 24}};
+      rusage before{}, after{};
+      getrusage(RUSAGE_SELF, &before);
+      // Densely through the headers and the topology's start, sparsely through the rest.
+      for (std::size_t at = 8; at < bytes.size(); at += at < 800 ? 2 : 1 + bytes.size() / 200) {
+        for (const int damage : {0x80, 0xff}) {
+          const auto put = [&](char byte) {
+            std::fstream(file, std::ios::binary | std::ios::in | std::ios::out).seekp(static_cast<long>(at)).put(byte);
+          };
+          put(static_cast<char>(bytes[at] ^ damage));
+          try {
+            read_volume({file}, options);
+          } catch (const Error&) {
+          }
+          put(bytes[at]);
+        }
+      }
+      getrusage(RUSAGE_SELF, &after);
+      _exit(after.ru_maxrss - before.ru_maxrss > 100 * 1024 ? 2 : 0);
+    }
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFEXITED(status)) << "signal " << WTERMSIG(status);
+    EXPECT_EQ(WEXITSTATUS(status), 0) << "lost memory";
+  }
+}
+
+}  // namespace
+}  // namespace spherule::test
