@@ -92,8 +92,8 @@ class BallRasteriser {
     return {static_cast<std::int32_t>(low - planes.begin()) - 1, static_cast<std::int32_t>(high - planes.begin()) - 2};
   }
   bool holds(const std::array<LatticePoint, 4>& c, std::int32_t i, std::int32_t j, std::int32_t k) const {
-    return exact::in_sphere(c[0], c[1], c[2], c[3], {lattice_.plane(0, i), lattice_.plane(1, j), lattice_.plane(2, k)})
-               .value > 0;
+    return exact::in_sphere(c[0], c[1], c[2], c[3],
+                            {lattice_.plane(0, i), lattice_.plane(1, j), lattice_.plane(2, k)}) > 0;
   }
 
   const Lattice& lattice_;

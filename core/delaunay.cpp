@@ -8,7 +8,9 @@
 #include <CGAL/spatial_sort.h>
 
 #include <algorithm>
+#include <bit>
 #include <numeric>
+#include <utility>
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
@@ -27,10 +29,6 @@ struct IndexedPoint {
   double x() const { return at.x; }
   double y() const { return at.y; }
   double z() const { return at.z; }
-  friend bool operator==(const IndexedPoint& a, const IndexedPoint& b) { return a.at == b.at; }
-  friend bool operator!=(const IndexedPoint& a, const IndexedPoint& b) { return a.at != b.at; }
-  friend std::ostream& operator<<(std::ostream& out, const IndexedPoint&) { return out; }
-  friend std::istream& operator>>(std::istream& in, IndexedPoint&) { return in; }
 };
 
 // Twice the signed area of three points, projected along the axis other than u and v.
@@ -134,6 +132,137 @@ using Triangulation = CGAL::Delaunay_triangulation_3<
     LatticeTraits, CGAL::Triangulation_data_structure_3<CGAL::Triangulation_vertex_base_3<LatticeTraits>,
                                                         CGAL::Delaunay_triangulation_cell_base_3<LatticeTraits>>>;
 
+// Bowyer and Watson's insertion on CGAL's data structure, for triangulations that already span space. CGAL's own
+// insertion does the same; this one links the new cells by hashing their rim edges instead of turning around each, and
+// walks and tests without generic detours.
+class Insertion {
+ public:
+  explicit Insertion(Triangulation& triangulation)
+      : triangulation_(triangulation), tds_(triangulation.tds()), edges_(256) {}
+
+  // Adds a point that is not yet in the triangulation. The walk starts near the point added before.
+  void insert(const IndexedPoint& p) {
+    find_conflicts(p, walk(p));
+    const auto v = tds_.create_vertex();
+    v->set_point(p);
+    if (edges_.size() < 4 * rim_.size()) edges_.assign(std::bit_ceil(8 * rim_.size()), Edge{});
+    ++generation_;
+    for (const auto& [inner, i] : rim_) {
+      const Cell outer = inner->neighbor(i);
+      const Cell cell = tds_.create_cell(inner->vertex(0), inner->vertex(1), inner->vertex(2), inner->vertex(3));
+      cell->set_vertex(i, v);
+      tds_.set_adjacency(cell, i, outer, outer->index(inner));
+      for (int k = 0; k < 4; ++k) {
+        if (k == i) continue;
+        cell->vertex(k)->set_cell(cell);
+        link(cell, k, i);
+      }
+      last_ = cell;
+    }
+    v->set_cell(last_);
+    for (const Cell c : tested_) c->tds_data().clear();
+    tds_.delete_cells(conflicts_.begin(), conflicts_.end());
+  }
+
+ private:
+  using Cell = Triangulation::Cell_handle;
+  using Vertex = Triangulation::Vertex_handle;
+
+  // The facet between a new cell and the one that shares this edge of the rim.
+  struct Edge {
+    const void *a = nullptr, *b = nullptr;
+    Cell cell;
+    int opposite = 0;
+    std::uint64_t generation = 0;
+  };
+
+  // A cell in conflict with p: the finite cell that holds it, or the infinite one behind the hull facet that p is
+  // beyond. A visibility walk; in a Delaunay triangulation it cannot turn in circles.
+  Cell walk(const IndexedPoint& p) const {
+    Cell cell = last_ == Cell() ? triangulation_.infinite_vertex()->cell() : last_;
+    int infinite;
+    if (cell->has_vertex(triangulation_.infinite_vertex(), infinite)) cell = cell->neighbor(infinite);
+    for (Cell from = cell;;) {
+      std::array<LatticePoint, 4> corner;
+      for (int i = 0; i < 4; ++i) corner[static_cast<std::size_t>(i)] = cell->vertex(i)->point().at;
+      int exit = -1;
+      for (int i = 0; i < 4 && exit < 0; ++i) {
+        if (cell->neighbor(i) == from) continue;
+        auto seen = corner;
+        seen[static_cast<std::size_t>(i)] = p.at;
+        if (exact::orientation(seen[0], seen[1], seen[2], seen[3]) < 0) exit = i;
+      }
+      if (exit < 0) return cell;
+      from = cell;
+      cell = cell->neighbor(exit);
+      if (cell->has_vertex(triangulation_.infinite_vertex())) return cell;
+    }
+  }
+
+  bool in_conflict(Cell cell, const IndexedPoint& p) const {
+    if (cell->has_vertex(triangulation_.infinite_vertex()))
+      return triangulation_.side_of_sphere(cell, p, true) == CGAL::ON_BOUNDED_SIDE;
+    return exact::perturbed_in_sphere(cell->vertex(0)->point().at, cell->vertex(1)->point().at,
+                                      cell->vertex(2)->point().at, cell->vertex(3)->point().at, p.at) > 0;
+  }
+
+  // Fills conflicts_ with the cells whose sphere holds p, and rim_ with the facets (cell in conflict, index) around
+  // them.
+  void find_conflicts(const IndexedPoint& p, Cell first) {
+    conflicts_.assign(1, first);
+    tested_.clear();
+    rim_.clear();
+    first->tds_data().mark_in_conflict();
+    for (std::size_t n = 0; n < conflicts_.size(); ++n) {
+      const Cell cell = conflicts_[n];
+      for (int i = 0; i < 4; ++i) {
+        const Cell next = cell->neighbor(i);
+        if (next->tds_data().is_in_conflict()) continue;
+        if (next->tds_data().is_clear()) {
+          if (in_conflict(next, p)) {
+            next->tds_data().mark_in_conflict();
+            conflicts_.push_back(next);
+            continue;
+          }
+          next->tds_data().mark_on_boundary();
+          tested_.push_back(next);
+        }
+        rim_.emplace_back(cell, i);
+      }
+    }
+  }
+
+  // Joins the facet opposite vertex k of a new cell (whose new vertex is i) with the other new cell at the same rim
+  // edge, if that exists already, else leaves word for it.
+  void link(Cell cell, int k, int i) {
+    const int u = CGAL::Triangulation_utils_3::next_around_edge(k, i), w = 6 - i - k - u;
+    const void* a = &*cell->vertex(u);
+    const void* b = &*cell->vertex(w);
+    if (b < a) std::swap(a, b);
+    const auto hash = (reinterpret_cast<std::uintptr_t>(a) * 0x9E3779B97F4A7C15ULL) ^
+                      (reinterpret_cast<std::uintptr_t>(b) * 0xC2B2AE3D27D4EB4FULL);
+    for (std::size_t at = hash >> 20;; ++at) {
+      Edge& edge = edges_[at & (edges_.size() - 1)];
+      if (edge.generation != generation_) {
+        edge = {a, b, cell, k, generation_};
+        return;
+      }
+      if (edge.a == a && edge.b == b) {
+        tds_.set_adjacency(cell, k, edge.cell, edge.opposite);
+        return;
+      }
+    }
+  }
+
+  Triangulation& triangulation_;
+  Triangulation::Triangulation_data_structure& tds_;
+  Cell last_;
+  std::vector<Cell> conflicts_, tested_;
+  std::vector<std::pair<Cell, int>> rim_;
+  std::vector<Edge> edges_;  // open addressing; entries of earlier generations are free; a power of two
+  std::uint64_t generation_ = 0;
+};
+
 // The same oriented tetrahedron, smallest index first, then the smallest of the rest.
 Tetrahedron canonical(Tetrahedron t) {
   const auto least = std::ranges::min_element(t) - t.begin();
@@ -169,13 +298,17 @@ Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Cont
 
   constexpr std::size_t kReportEvery = 4096;
   Triangulation triangulation;
-  Triangulation::Cell_handle hint;
+  Insertion insertion(triangulation);
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i % kReportEvery == 0) {
       context.throw_if_cancelled();
       context.report("delaunay", 0.95 * static_cast<double>(i) / static_cast<double>(order.size()));
     }
-    hint = triangulation.insert(order[i], hint)->cell();
+    if (triangulation.dimension() < 3) {
+      triangulation.insert(order[i]);
+    } else {
+      insertion.insert(order[i]);
+    }
   }
   SPHERULE_CHECK(triangulation.number_of_vertices() == points.size());
 
@@ -266,8 +399,7 @@ std::size_t count_not_delaunay(std::span<const LatticePoint> points, std::span<c
         const auto apex = std::ranges::find_if(
             cells[other], [&](std::uint32_t v) { return std::ranges::find(cells[c], v) == cells[c].end(); });
         SPHERULE_CHECK(apex != cells[other].end());
-        violations[begin / kGrain] +=
-            exact::in_sphere(points[a], points[b], points[d], points[e], points[*apex]).value > 0;
+        violations[begin / kGrain] += exact::in_sphere(points[a], points[b], points[d], points[e], points[*apex]) > 0;
       }
     }
   });

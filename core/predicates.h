@@ -33,21 +33,25 @@ constexpr Difference operator-(LatticePoint a, LatticePoint b) {
 constexpr std::int64_t squared_length(Difference d) { return d.x * d.x + d.y * d.y + d.z * d.z; }
 constexpr int sign(Wide v) { return (v > 0) - (v < 0); }
 
-/// Whether 3x3 minors of these differences fit 64 bits.
+/// Whether 3x3 minors of these differences fit 64 bits: every |component| < 2^20 (or one component -2^20, which fits
+/// too).
 template <typename... D>
 constexpr bool small(const D&... d) {
-  const auto magnitude = [](std::int64_t v) { return static_cast<std::uint64_t>(v ^ (v >> 63)); };
-  return ((magnitude(d.x) | magnitude(d.y) | magnitude(d.z)) | ...) < (std::uint64_t{1} << 20);
+  constexpr std::int64_t kBias = std::int64_t{1} << 20;
+  return static_cast<std::uint64_t>((((d.x + kBias) | (d.y + kBias) | (d.z + kBias)) | ...)) < 2 * kBias;
 }
 
-/// det(a, b, c), in `Int` arithmetic.
+/// The cross product; its components are below 2^49.
+constexpr Difference cross(Difference a, Difference b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+/// A scalar product with a cross product, in `Int` arithmetic.
 template <typename Int>
-constexpr Int determinant(Difference a, Difference b, Difference c) {
-  return static_cast<Int>(a.x) * (b.y * c.z - b.z * c.y) + static_cast<Int>(a.y) * (b.z * c.x - b.x * c.z) +
-         static_cast<Int>(a.z) * (b.x * c.y - b.y * c.x);
+constexpr Int dot(Difference a, Difference crossed) {
+  return static_cast<Int>(a.x) * crossed.x + static_cast<Int>(a.y) * crossed.y + static_cast<Int>(a.z) * crossed.z;
 }
 constexpr Wide determinant(Difference a, Difference b, Difference c) {
-  return small(a, b, c) ? Wide{determinant<std::int64_t>(a, b, c)} : determinant<Wide>(a, b, c);
+  return small(a, b, c) ? Wide{dot<std::int64_t>(a, cross(b, c))} : dot<Wide>(a, cross(b, c));
 }
 
 /// Six times the signed volume of a tetrahedron, det(b - a, c - a, d - a).
@@ -58,43 +62,50 @@ constexpr int orientation(LatticePoint a, LatticePoint b, LatticePoint c, Lattic
   return sign(six_volumes(a, b, c, d));
 }
 
-/// The in-sphere determinant of a positively oriented tetrahedron (a, b, c, d) and a point e, with its four cofactors.
-struct InSphere {
-  Wide value;                   ///< > 0: e strictly inside the circumsphere; 0: on it; < 0: outside
-  std::array<int, 4> cofactor;  ///< signs: what lifting a, b, c or d a little would do to `value`
-};
-
+/// The in-sphere determinant and its cofactors of the squared lengths: value = Σ |corner - e|² · cofactor.
 template <typename Int>
-constexpr InSphere in_sphere_of(Difference a, Difference b, Difference c, Difference d) {
-  const Int bcd = determinant<Int>(b, c, d), acd = determinant<Int>(a, c, d);
-  const Int abd = determinant<Int>(a, b, d), abc = determinant<Int>(a, b, c);
-  const Wide value = Wide{squared_length(a)} * bcd - Wide{squared_length(b)} * acd + Wide{squared_length(c)} * abd -
-                     Wide{squared_length(d)} * abc;
-  return {value, {sign(bcd), -sign(acd), sign(abd), -sign(abc)}};
-}
-constexpr InSphere in_sphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d, LatticePoint e) {
-  const Difference ae = a - e, be = b - e, ce = c - e, de = d - e;
-  return small(ae, be, ce, de) ? in_sphere_of<std::int64_t>(ae, be, ce, de) : in_sphere_of<Wide>(ae, be, ce, de);
+struct InSphere {
+  Wide value;
+  std::array<Int, 4> cofactors;
+};
+template <typename Int>
+constexpr InSphere<Int> in_sphere_of(Difference a, Difference b, Difference c, Difference d) {
+  const Difference ab = cross(a, b), cd = cross(c, d);
+  const std::array<Int, 4> cofactors{dot<Int>(b, cd), -dot<Int>(a, cd), dot<Int>(d, ab), -dot<Int>(c, ab)};
+  return {Wide{squared_length(a)} * cofactors[0] + Wide{squared_length(b)} * cofactors[1] +
+              Wide{squared_length(c)} * cofactors[2] + Wide{squared_length(d)} * cofactors[3],
+          cofactors};
 }
 
-/// The sign of in_sphere, never 0: ties are broken as if each point were lifted by an infinitely small amount, the
-/// larger the later the point is in lexicographic order (Devillers and Teillaud, SODA 2003). The five points must
-/// differ and (a, b, c, d) must be positively oriented.
-constexpr int perturbed_in_sphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d, LatticePoint e) {
-  const InSphere exact = in_sphere(a, b, c, d, e);
+/// For a positively oriented tetrahedron (a, b, c, d): 1 when e is strictly inside its circumsphere, 0 on it, -1
+/// outside.
+constexpr int in_sphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d, LatticePoint e) {
+  const Difference ae = a - e, be = b - e, ce = c - e, de = d - e;
+  return sign(small(ae, be, ce, de) ? in_sphere_of<std::int64_t>(ae, be, ce, de).value
+                                    : in_sphere_of<Wide>(ae, be, ce, de).value);
+}
+
+/// in_sphere, but never 0: ties are broken as if each point were lifted by an infinitely small amount, the larger the
+/// later the point is in lexicographic order (Devillers and Teillaud, SODA 2003). The five points must differ.
+template <typename Int>
+constexpr int perturbed(const InSphere<Int>& exact, const std::array<LatticePoint, 4>& corners, LatticePoint e) {
   if (exact.value != 0) return sign(exact.value);
-  // Lifting e makes it leave the sphere; lifting a corner moves the sphere by the sign of its cofactor, and a cofactor
-  // of 0 leaves the decision to the next smaller lift.
-  const std::array<LatticePoint, 4> corners{a, b, c, d};
+  // Lifting e makes it leave the sphere; lifting a corner moves the sphere by its cofactor, and where that is 0 the
+  // decision is left to the next smaller lift.
   LatticePoint last = e;
   int decision = -1;
   for (std::size_t i = 0; i < 4; ++i) {
-    if (exact.cofactor[i] != 0 && corners[i] > last) {
+    if (exact.cofactors[i] != 0 && corners[i] > last) {
       last = corners[i];
-      decision = exact.cofactor[i];
+      decision = sign(exact.cofactors[i]);
     }
   }
   return decision;
+}
+constexpr int perturbed_in_sphere(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d, LatticePoint e) {
+  const Difference ae = a - e, be = b - e, ce = c - e, de = d - e;
+  return small(ae, be, ce, de) ? perturbed(in_sphere_of<std::int64_t>(ae, be, ce, de), {a, b, c, d}, e)
+                               : perturbed(in_sphere_of<Wide>(ae, be, ce, de), {a, b, c, d}, e);
 }
 
 }  // namespace spherule::exact

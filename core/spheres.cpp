@@ -34,6 +34,29 @@ Vec3 centre_offset(exact::Difference b, exact::Difference c, exact::Difference d
   return {static_cast<double>(x) / twice, static_cast<double>(y) / twice, static_cast<double>(z) / twice};
 }
 
+// How far off, in lattice units, a centre may be that only chooses which exact question to ask.
+constexpr double kCentreError = 0x1p-10;
+
+// centre_offset in double wherever that is good to `error` units, which is nearly everywhere; exact for the rest, the
+// slivers. Differences, cross products (< 2^49) and squared lengths (< 2^50) are exact in double; each sum of three
+// products is off by less than 2^-51 of the sum of their magnitudes, the division by less than 2^-53 of the result.
+Vec3 centre_offset_within(double error, exact::Difference bi, exact::Difference ci, exact::Difference di) {
+  const Vec3 b = to_vec3(bi), c = to_vec3(ci), d = to_vec3(di);
+  const Vec3 cd = cross(c, d), db = cross(d, b), bc = cross(b, c);
+  const double bb = squared_norm(b), cc = squared_norm(c), dd = squared_norm(d);
+  const double twice = 2 * dot(b, cd);
+  const double twice_error = 0x1p-50 * (std::abs(b.x * cd.x) + std::abs(b.y * cd.y) + std::abs(b.z * cd.z));
+  Vec3 offset;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double p = bb * cd[axis], q = cc * db[axis], r = dd * bc[axis];
+    offset[axis] = (p + q + r) / twice;
+    const double numerator_error = 0x1p-51 * (std::abs(p) + std::abs(q) + std::abs(r));
+    if (!(numerator_error + std::abs(offset[axis]) * twice_error < 0.5 * error * twice))
+      return centre_offset(bi, ci, di);
+  }
+  return offset;
+}
+
 // The volume as the classification sees it: sample bits at lattice planes, and values in between.
 class SampledObject {
  public:
@@ -50,16 +73,14 @@ class SampledObject {
 
   bool cell_is_inside(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) const {
     using exact::operator-;
-    const Vec3 offset = centre_offset(b - a, c - a, d - a);
+    const Vec3 offset = centre_offset_within(kCentreError, b - a, c - a, d - a);
     const Vec3 centre = to_vec3(a) + offset;
 
-    // The centre's error is below 2^-24 of a unit wherever it is within reach of the grid, so the sample nearest to the
-    // true centre is among those whose planes are nearest to the computed one, with both planes tried where it lies
-    // this close to the middle.
-    constexpr double kAmbiguous = 1.0 / 1024;
+    // The sample nearest to the true centre is among those whose planes are nearest to the computed one, with both
+    // planes tried where that lies in the middle but for its error.
     std::array<std::array<std::int32_t, 2>, 3> near;
     for (int axis = 0; axis < 3; ++axis)
-      near[static_cast<std::size_t>(axis)] = nearest_planes(axis, centre[axis], kAmbiguous);
+      near[static_cast<std::size_t>(axis)] = nearest_planes(axis, centre[axis], 2 * kCentreError);
     for (std::size_t choice = 0; choice < 8; ++choice) {
       const std::array<std::size_t, 3> side{choice & 1, (choice >> 1) & 1, choice >> 2};
       std::array<std::int32_t, 3> s;
@@ -70,7 +91,14 @@ class SampledObject {
       }
       if (repeated) continue;
       const LatticePoint sample{lattice_.plane(0, s[0]), lattice_.plane(1, s[1]), lattice_.plane(2, s[2])};
-      if (exact::in_sphere(a, b, c, d, sample).value > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
+      const Vec3 to_sample = to_vec3(sample - a);
+      // Inside the ball: |s - a|² < 2 (s - a)·offset. The left side is exact.
+      const double depth = 2 * dot(to_sample, offset) - squared_norm(to_sample);
+      const double reach = std::abs(to_sample.x) + std::abs(to_sample.y) + std::abs(to_sample.z);
+      const double error =
+          reach * (2 * kCentreError + 0x1p-50 * (reach + std::abs(offset.x) + std::abs(offset.y) + std::abs(offset.z)));
+      if (depth < -error) continue;
+      if (depth > error || exact::in_sphere(a, b, c, d, sample) > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
     }
     return interpolated_inside(centre);
   }
@@ -88,10 +116,9 @@ class SampledObject {
   // The last plane i with plane(i) <= coordinate, kept within [first, last - 1].
   std::int32_t plane_below(int axis, double coordinate) const {
     const auto a = static_cast<std::size_t>(axis);
-    const double steps = (coordinate - lattice_.plane(axis, -1)) * steps_per_unit_[a] - 1;
     // Planes are rounded by half a unit of at least 64 a step: the estimate is at most one plane off.
-    auto i = static_cast<std::int32_t>(
-        std::clamp(std::floor(steps), static_cast<double>(first_[a]), static_cast<double>(last_[a] - 1)));
+    const double steps = (coordinate - lattice_.plane(axis, -1)) * steps_per_unit_[a];
+    auto i = static_cast<std::int32_t>(std::clamp(steps, first_[a] + 1.0, static_cast<double>(last_[a]))) - 1;
     if (i > first_[a] && coordinate < lattice_.plane(axis, i)) --i;
     if (i + 1 < last_[a] && coordinate >= lattice_.plane(axis, i + 1)) ++i;
     return i;
@@ -109,25 +136,23 @@ class SampledObject {
       t[a] = (centre[axis] - lo) / (hi - lo);
       beyond_samples |= low[a] < 0 || low[a] + 1 >= volume_.grid.dims[a];
     }
-    if (rule_.kind == ObjectRule::Kind::labels || beyond_samples) {
-      return trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return margin(s); }) >= 0;
+    if (rule_.kind != ObjectRule::Kind::labels && !beyond_samples) {
+      return holds(trilinear(t, corner_values(volume_, low[0], low[1], low[2])));
     }
-    return holds(
-        trilinear(low, t, [this](std::array<std::int32_t, 3> s) { return value_at(volume_, s[0], s[1], s[2]); }));
+    std::array<double, 8> margins;
+    for (std::int32_t c = 0; c < 8; ++c) {
+      margins[static_cast<std::size_t>(c)] = margin({low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)});
+    }
+    return trilinear(t, margins) >= 0;
   }
 
-  template <typename Field>
-  static double trilinear(std::array<std::int32_t, 3> low, std::array<double, 3> t, Field field) {
+  // `corners` as corner_values orders them. A corner of no weight does not count, even if it is NaN.
+  static double trilinear(const std::array<double, 3>& t, const std::array<double, 8>& corners) {
     double sum = 0;
-    for (int corner = 0; corner < 8; ++corner) {
+    for (std::size_t c = 0; c < 8; ++c) {
       double weight = 1;
-      auto s = low;
-      for (std::size_t a = 0; a < 3; ++a) {
-        const bool high = (corner >> a) & 1;
-        weight *= high ? t[a] : 1 - t[a];
-        s[a] += high;
-      }
-      if (weight > 0) sum += weight * field(s);
+      for (std::size_t a = 0; a < 3; ++a) weight *= (c >> a) & 1 ? t[a] : 1 - t[a];
+      if (weight > 0) sum += weight * corners[c];
     }
     return sum;
   }

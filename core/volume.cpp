@@ -78,14 +78,31 @@ Grid grid_from_affine(std::array<std::int32_t, 3> dims, const Mat3& axes, Vec3 o
   return grid;
 }
 
+namespace {
+std::size_t index_of(const Grid& grid, std::int32_t i, std::int32_t j, std::int32_t k) {
+  const auto nx = static_cast<std::size_t>(grid.dims[0]), ny = static_cast<std::size_t>(grid.dims[1]);
+  return (static_cast<std::size_t>(k) * ny + static_cast<std::size_t>(j)) * nx + static_cast<std::size_t>(i);
+}
+}  // namespace
+
 double value_at(const Volume& volume, std::int32_t i, std::int32_t j, std::int32_t k) {
-  const auto& n = volume.grid.dims;
-  const std::size_t index =
-      (static_cast<std::size_t>(k) * static_cast<std::size_t>(n[1]) + static_cast<std::size_t>(j)) *
-          static_cast<std::size_t>(n[0]) +
-      static_cast<std::size_t>(i);
-  return visit_voxels(
-      volume, [&](auto samples) { return volume.slope * static_cast<double>(samples[index]) + volume.intercept; });
+  const std::size_t at = index_of(volume.grid, i, j, k);
+  return visit_voxels(volume,
+                      [&](auto samples) { return volume.slope * static_cast<double>(samples[at]) + volume.intercept; });
+}
+
+std::array<double, 8> corner_values(const Volume& volume, std::int32_t i, std::int32_t j, std::int32_t k) {
+  const std::size_t at = index_of(volume.grid, i, j, k);
+  const std::size_t row = static_cast<std::size_t>(volume.grid.dims[0]);
+  const std::size_t slice = row * static_cast<std::size_t>(volume.grid.dims[1]);
+  return visit_voxels(volume, [&](auto samples) {
+    std::array<double, 8> values;
+    for (std::size_t c = 0; c < 8; ++c) {
+      const std::size_t corner = at + (c & 1) + ((c >> 1) & 1) * row + (c >> 2) * slice;
+      values[c] = volume.slope * static_cast<double>(samples[corner]) + volume.intercept;
+    }
+    return values;
+  });
 }
 
 ValueRange value_range(const Volume& volume, const Context& context) {

@@ -87,6 +87,10 @@ decltype(auto) visit_voxels(const Volume& volume, F&& f) {
 /// The value of one sample. Unchecked: the indices must be within dims. O(1).
 double value_at(const Volume& volume, std::int32_t i, std::int32_t j, std::int32_t k);
 
+/// The values of the grid cell whose lowest corner is sample (i, j, k): element c has i + 1 where bit 0 of c is set, j
+/// + 1 for bit 1, k + 1 for bit 2. Unchecked: all eight must be within dims. O(1).
+std::array<double, 8> corner_values(const Volume& volume, std::int32_t i, std::int32_t j, std::int32_t k);
+
 struct ValueRange {
   double min = 0, max = 0;     ///< over the finite samples; both 0 when there are none
   std::size_t not_finite = 0;  ///< NaN and infinite samples

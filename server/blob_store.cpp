@@ -61,6 +61,7 @@ bool is_name(std::string_view name) {
                                          : is_name_part(name.substr(0, slash)) && is_name_part(name.substr(slash + 1));
 }
 
+/// The random part lets a deletion never hit a later upload of the same bytes, whatever the order of events.
 /// Key: <name>.<digest>.<random part>.
 std::string make_key(std::string_view name, const std::string& digest) {
   return std::string(name) + "." + digest + "." + random_id("b");
@@ -144,7 +145,7 @@ std::string BlobStore::put(std::string_view name, std::string_view bytes) {
 }
 
 FileBlobStore::FileBlobStore(fs::path root) : root_(std::move(root)) {
-  std::error_code ignored;
+  std::error_code ignored;  // the next start tries again
   fs::remove_all(scratch_root(), ignored);
   make_folder(root_);
   make_folder(scratch_root());
@@ -171,6 +172,7 @@ Blob FileBlobStore::open(const std::string& key) const {
 
 void FileBlobStore::remove(const std::string& key) {
   if (digest_of(key).empty()) return;
+  // Not made durable: a blob that a power cut brings back belongs to nobody, and goes at the next start.
   if (::unlink((root_ / key).c_str()) != 0 && errno != ENOENT) throw_storage(errno);
 }
 

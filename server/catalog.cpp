@@ -76,7 +76,7 @@ template <typename Names, typename Value>
 std::string_view name_of(const Names& names, Value value) {
   for (const auto& [known, name] : names)
     if (known == value) return name;
-  SPHERULE_CHECK(!"every value has a name");
+  SPHERULE_CHECK(false && "every value has a name");
   return {};
 }
 
@@ -139,6 +139,7 @@ class Statement {
     return is_null(column) ? std::nullopt : std::optional(time(column));
   }
   std::string text(int column) const {
+    // As a blob, so that zero bytes within are kept.
     const void* bytes = sqlite3_column_blob(statement_, column);
     return {static_cast<const char*>(bytes),
             bytes ? static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)) : 0};
@@ -160,7 +161,7 @@ class Statement {
   void bind(int index, Time value) { bind(index, std::int64_t{value.time_since_epoch().count()}); }
   template <typename T>
   void bind(int index, const std::optional<T>& value) {
-    if (value) bind(index, *value);
+    if (value) bind(index, *value);  // what is not bound is NULL
   }
   void check(int result) {
     if (result != SQLITE_OK) throw_sqlite(database_, result);
@@ -173,8 +174,10 @@ class Statement {
 /// Undone by the destructor unless committed.
 class Transaction {
  public:
+  // IMMEDIATE: a lock that cannot be had is reported here, never in the middle.
   explicit Transaction(sqlite3* database) : database_(database) { Statement(database, "BEGIN IMMEDIATE").step(); }
   ~Transaction() {
+    // A full disk may have rolled back already.
     if (!sqlite3_get_autocommit(database_)) sqlite3_exec(database_, "ROLLBACK", nullptr, nullptr, nullptr);
   }
   Transaction(const Transaction&) = delete;
@@ -278,6 +281,7 @@ void write_job(sqlite3* database, const JobRecord& job) {
             job.finished, code, sentence, job.id)
       .step();
   SPHERULE_CHECK(sqlite3_changes(database) == 1);
+  // Rewritten whole: at most 100, a few times in a job's life.
   Statement(database, "DELETE FROM warnings WHERE job = (SELECT seq FROM jobs WHERE id = ?)", job.id).step();
   for (int i = 0; const std::string& sentence_of_warning : job.warnings)
     Statement(database, "INSERT INTO warnings (job, position, sentence) SELECT seq, ?, ? FROM jobs WHERE id = ?", i++,
@@ -312,6 +316,7 @@ struct Catalog::State {
                                        SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, nullptr);
     if (result != SQLITE_OK) throw_sqlite(database, result);
     sqlite3_busy_timeout(database, 500);  // ms, for a predecessor that is just closing
+    // EXCLUSIVE comes first, so that WAL needs no shared memory file and a second server is refused.
     run("PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;"
         "PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
     Statement check(database, "PRAGMA quick_check(1)");
@@ -359,6 +364,7 @@ std::optional<Resource> Catalog::find(const std::string& id) const {
 
 namespace {
 
+// One row more than the page tells whether there is a next one, without counting.
 /// `row` yields rows in descending seq (column 0), one more than `limit` when there are more.
 template <typename T, typename Read>
 Page<T> read_page(Statement& row, std::size_t limit, const Read& read) {
@@ -437,6 +443,7 @@ void Catalog::update_job(const JobRecord& job) {
 bool Catalog::complete_job(const JobRecord& job, const Resource& result) {
   const std::lock_guard lock(state_->mutex);
   Transaction transaction(state_->database);
+  // A result that is there already is as good: the same id is the same thing.
   const bool added = insert_resource(state_->database, result);
   write_job(state_->database, job);
   transaction.commit();

@@ -49,6 +49,7 @@ struct Job {
 
   void announce(JobEvent::Type type, std::string warning = {}) {
     if (type == JobEvent::Type::progress) {
+      // Only the latest is kept: enough for whoever comes late, and bounded for jobs that run for hours.
       announced_progress = record.progress;
       std::erase_if(events, [](const JobEvent& event) { return event.type == JobEvent::Type::progress; });
     }
@@ -125,6 +126,7 @@ struct JobPool::State {
     work.notify_one();
   }
 
+  /// A newer job for the same result keeps its entry: one may be cancelling while the next is queued.
   void no_longer_joinable(const Job& job) {
     const auto found = by_result.find(job.record.result_id);
     if (found != by_result.end() && found->second.get() == &job) by_result.erase(found);
@@ -208,6 +210,7 @@ class Running final : public JobContext {
     const std::lock_guard lock(mutex_);
     const bool new_stage = job_.record.stage != stage;
     if (new_stage) job_.record.stage = stage;
+    // In this order a NaN changes nothing.
     job_.record.progress = std::max(job_.record.progress, std::min(progress, 1.0));
     if (!new_stage && job_.record.progress < job_.announced_progress + progress_event_step) return;
     job_.announce(JobEvent::Type::progress);
@@ -226,9 +229,11 @@ void JobPool::State::take_up_unfinished() {
   const std::lock_guard lock(mutex);
   for (JobRecord& record : catalog.unfinished_jobs()) {
     if (record.state == JobState::cancelling) {
+      // The cancellation was acknowledged; only the runner had not come back yet.
       catalog.update_job(ended(record, JobState::cancelled));
       continue;
     }
+    // An orderly stop leaves running jobs queued, so this one was running when the process died.
     if (record.state == JobState::running) ++record.crashes;
     ++record.attempts;
     if (record.crashes >= options.crash_limit) {
@@ -281,6 +286,7 @@ void JobPool::State::work_on() {
 }
 
 void JobPool::State::run(const JobPtr& job) {
+  // A copy, since requesters that join or leave change the original meanwhile.
   const JobRecord record_at_start = [&] {
     const std::lock_guard lock(mutex);
     return job->record;
@@ -309,6 +315,7 @@ void JobPool::State::run(const JobPtr& job) {
     const std::lock_guard lock(mutex);
     --running;
     if (job->record.state == JobState::cancelling) {
+      // Even with a result in hand: the requester was told that it would not come.
       store_end(*job, ended(job->record, JobState::cancelled));
     } else if (result) {
       try {
@@ -321,6 +328,7 @@ void JobPool::State::run(const JobPtr& job) {
         store_end(*job, ended(job->record, JobState::failed, JobError{thrown.code(), thrown.what()}));
       }
     } else if (stopping && job->stop.stop_requested()) {
+      // Whatever it threw: libraries report an interruption in ways of their own.
       JobRecord record = job->record;
       record.state = JobState::queued;
       try {

@@ -50,6 +50,7 @@ Blob& Blob::operator=(Blob&& other) noexcept {
   return *this;
 }
 
+// Read rather than mapped: a bad sector is then an Error, not a signal that ends the process.
 std::size_t Blob::read_at(std::uint64_t offset, std::span<char> out) const {
   std::size_t done = 0;
   while (done < out.size()) {
@@ -63,6 +64,7 @@ std::size_t Blob::read_at(std::uint64_t offset, std::span<char> out) const {
 }
 
 std::string Blob::read() const {
+  // A file that was cut or grew after opening fails here as well: the digest covers every byte and no other.
   std::string bytes(size_, '\0');
   if (read_at(0, bytes) != size_ || sha256_hex(bytes) != sha256_) throw_corrupt();
   return bytes;
@@ -77,6 +79,7 @@ void Blob::verify() const {
 }
 
 void Staging::append(std::string_view bytes) {
+  // Not size_ + bytes.size() > limit_, which could wrap.
   if (bytes.size() > limit_ - size_)
     throw Error(ErrorCode::too_large, "The data is larger than the " + std::to_string(limit_) +
                                           " bytes that this server accepts; send less, or raise its limit.");
@@ -101,6 +104,7 @@ std::filesystem::path ScratchFolder::link(const Blob& blob, const std::string& n
   if (name.empty() || name.size() > 255 || name == "." || name == ".." || name.find('/') != std::string::npos ||
       name.find('\0') != std::string::npos)
     refuse("A part's file name must be a plain name of at most 255 bytes, without folders.");
+  // A link by absolute path works wherever the reader stands, and into other file systems.
   std::error_code failed;
   std::filesystem::create_symlink(std::filesystem::absolute(blob.path()), folder_ / name, failed);
   if (failed == std::errc::file_exists) refuse("Two parts have the same file name; give each part its own.");

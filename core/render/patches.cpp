@@ -79,7 +79,7 @@ struct Cell {
   std::vector<std::uint32_t> balls;
 };
 
-constexpr std::size_t kFewBalls = 4;
+constexpr std::size_t kFewBalls = 24;
 constexpr int kMaxLevel = 11;
 
 Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
@@ -129,6 +129,35 @@ std::array<Cell, 8> split(std::span<const Sphere> spheres, const Cell& cell) {
   return children;
 }
 
+double area(const Box& box) {
+  const Vec3 e = box.max - box.min;
+  return e.x * e.y + e.y * e.z + e.z * e.x;
+}
+
+// Joins the patches of one ball where a ray is no likelier to meet the joined box than the parts: without this, a
+// corner at which many balls meet would fill memory with small cells.
+void join_from(std::size_t first, std::vector<Patch>& patches) {
+  const auto begin = patches.begin() + static_cast<std::ptrdiff_t>(first);
+  std::stable_sort(begin, patches.end(), [](const Patch& a, const Patch& b) { return a.ball < b.ball; });
+  auto out = begin;
+  for (auto run = begin; run != patches.end();) {
+    Patch whole{{}, run->ball};
+    double parts = 0;
+    auto end = run;
+    for (; end != patches.end() && end->ball == whole.ball; ++end) {
+      whole.box.include(end->box.min), whole.box.include(end->box.max);
+      parts += area(end->box);
+    }
+    if (area(whole.box) <= 1.5 * parts) {
+      *out++ = whole;
+      run = end;
+    } else {
+      while (run != end) *out++ = *run++;
+    }
+  }
+  patches.erase(out, patches.end());
+}
+
 void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::vector<Patch>& patches,
             const Context& context) {
   if (cell.balls.size() <= kFewBalls || level >= kMaxLevel) {
@@ -144,7 +173,9 @@ void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::v
     return;
   }
   if (level < kMaxLevel / 2) context.throw_if_cancelled();
+  const std::size_t first = patches.size();
   for (const Cell& child : split(spheres, cell)) refine(spheres, child, level + 1, patches, context);
+  join_from(first, patches);
 }
 
 std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Context& context) {

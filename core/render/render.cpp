@@ -19,7 +19,8 @@ namespace {
 
 constexpr double kMargin = 0.04;  // of each side of the picture
 constexpr int kTile = 32;         // pixels
-constexpr int kSkyRays = 2;       // a camera ray
+constexpr int kMaxSamples = 64;   // camera rays a pixel
+constexpr double kWellLit = 0.7;  // part of the sky rays that get through
 
 // Linear light, red green blue.
 using Colour = Vec3;
@@ -28,12 +29,12 @@ constexpr Colour operator*(Colour a, Colour b) { return {a.x * b.x, a.y * b.y, a
 
 // The look: bone-like material, a warm key light over the viewer's left shoulder, a cooler sky brighter above and
 // behind the viewer than below.
-constexpr Colour kMaterial{0.86, 0.70, 0.52};
-constexpr Colour kKey{1.25, 1.17, 1.05};
+constexpr Colour kMaterial{0.90, 0.71, 0.50};
+constexpr Colour kKey{1.22, 1.16, 1.06};
 constexpr double kKeyRadius = 0.10;  // tangent of the half angle under which the key light is seen
-constexpr Colour kSkyAbove{0.30, 0.36, 0.46};
-constexpr Colour kSkyBelow{0.10, 0.08, 0.07};
-constexpr Colour kSkyBehindViewer{0.16, 0.17, 0.18};
+constexpr Colour kSkyAbove{0.27, 0.32, 0.40};
+constexpr Colour kSkyBelow{0.20, 0.14, 0.10};
+constexpr Colour kSkyBehindViewer{0.16, 0.16, 0.16};
 
 // A point of the unit square: element `index` of the R2 sequence, shifted by the pixel.
 struct Square {
@@ -75,37 +76,56 @@ struct Scene {
     return up * kSkyAbove + (1 - up) * kSkyBelow + front * kSkyBehindViewer;
   }
 
-  Colour shade(Vec3 point, Vec3 normal, int x, int y, int sample) const {
-    const Vec3 start = point + offset * normal;
-    int open = 0;
-    for (int i = 0; i < kSkyRays; ++i)
-      open += !tracer.blocked({start, sky_direction(normal, quasi_random(x, y, sample * kSkyRays + i, 0))});
-    Colour light = (static_cast<double>(open) / kSkyRays) * open_sky(normal);
-    const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(quasi_random(x, y, sample, 1)));
-    const double cosine = dot(normal, towards);
-    if (cosine > 0 && !tracer.blocked({start, towards})) light = light + cosine * kKey;
-    return kMaterial * light;
+  // Where a camera ray meets the object, a hair above the surface.
+  struct Place {
+    Vec3 start, normal;
+  };
+
+  bool sees_sky(const Place& place, Square s) const {
+    return !tracer.blocked({place.start, sky_direction(place.normal, s)});
+  }
+
+  // The key light at a place: one shadow ray to a point of the lamp.
+  Colour key_light(const Place& place, Square s) const {
+    const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(s));
+    const double cosine = dot(place.normal, towards);
+    return cosine > 0 && !tracer.blocked({place.start, towards}) ? cosine * kKey : Colour{};
   }
 
   // The mean colour of the pixel's rays that meet the object, and the part of them that does.
   std::pair<Colour, double> pixel(int x, int y, const RenderOptions& options) const {
     const int n = options.samples_per_axis;
-    Colour sum;
+    std::array<Place, kMaxSamples> places;
     int hits = 0;
     for (int sample = 0; sample < n * n; ++sample) {
       const double px = x + (sample % n + 0.5) / n - 0.5 * options.width;
       const double py = y + (sample / n + 0.5) / n - 0.5 * options.height;
-      const Vec3 origin =
-          camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward;
-      const auto hit = tracer.first_hit({origin, camera.forward});
+      const Ray ray{camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward,
+                    camera.forward};
+      const auto hit = tracer.first_hit(ray);
       if (!hit) continue;
-      ++hits;
-      const Vec3 point = origin + hit->distance * camera.forward;
+      const Vec3 point = ray.origin + hit->distance * ray.direction;
       const Vec3 normal = normalised(point - model.spheres[hit->ball].centre);
-      sum = sum + shade(point, normal, x, y, sample);
+      places[static_cast<std::size_t>(hits++)] = {point + offset * normal, normal};
     }
     if (hits == 0) return {{}, 0};
-    return {(1.0 / hits) * sum, static_cast<double>(hits) / (n * n)};
+
+    Colour key_sum, sky_sum;
+    int rays = 0, open = 0;
+    const auto look_up = [&] {
+      for (int i = 0; i < hits; ++i)
+        open += sees_sky(places[static_cast<std::size_t>(i)], quasi_random(x, y, rays++, 0));
+    };
+    look_up();
+    // In half shade the few rays of one round would leave visible grain.
+    if (open > 0 && open < kWellLit * hits) look_up(), look_up();
+    for (int i = 0; i < hits; ++i) {
+      const Place& place = places[static_cast<std::size_t>(i)];
+      key_sum = key_sum + key_light(place, quasi_random(x, y, i, 1));
+      sky_sum = sky_sum + open_sky(place.normal);
+    }
+    const Colour light = key_sum + (static_cast<double>(open) / rays) * sky_sum;
+    return {(1.0 / hits) * (kMaterial * light), static_cast<double>(hits) / (n * n)};
   }
 };
 

@@ -37,7 +37,7 @@ template <typename Store>
 class BlobStoreContract : public testing::Test {
  protected:
   test::TemporaryFolder folder;
-  Store store = [this] {
+  Store store = [&] {
     if constexpr (std::is_same_v<Store, FileBlobStore>)
       return FileBlobStore(folder.path());
     else

@@ -2,16 +2,10 @@
 #include "server/catalog.h"
 
 #include <gtest/gtest.h>
-#include <sched.h>
 #include <sqlite3.h>
-#include <sys/mount.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <fstream>
-#include <iostream>
 #include <limits>
 
 #include "tests/server/doubles.h"
@@ -325,63 +319,39 @@ TEST(Publishing, OrphansGoAtTheNextStart) {
   EXPECT_EQ(blobs.keys(), catalog.find("vol_1")->blobs);
 }
 
-/// In a child process: fills a real file system of 2 MiB, and returns what went wrong ("" if nothing did).
-std::string use_a_full_disk(const fs::path& mount_point) {
-  Catalog catalog(mount_point / "catalog.sqlite");
-  FileBlobStore blobs(mount_point / "blobs");
-  const auto stage = [&](std::size_t size) {
-    const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
-    staging->append(std::string(size, 'x'));
-    return staging->commit("filler");
-  };
-  if (error_of([&] { (void)blobs.stage(1 << 20, 1000); }) != ErrorCode::no_space) return "a declared size was accepted";
-  std::vector<std::string> fillers;
-  for (const std::size_t size : {100'000, 4'096}) {
-    while (!error_of([&] { fillers.push_back(stage(size)); })) {
-    }
-  }
-  if (fillers.empty()) return "nothing fitted";
-  int added = 0;
-  std::optional<ErrorCode> refusal;
-  while (!refusal && added < 100'000) {
-    refusal = error_of([&] { catalog.add(resource("m" + std::to_string(added))); });
-    added += !refusal;
-  }
-  if (refusal != ErrorCode::no_space) return "the full catalogue did not say no_space";
-  for (int i = 0; i < added; ++i)
-    if (!catalog.find("m" + std::to_string(i))) return "an acknowledged row is gone";
-  if (catalog.find("m" + std::to_string(added))) return "a refused row is there";
-  for (const std::string& key : fillers) blobs.remove(key);
-  if (error_of([&] { catalog.add(resource("after")); })) return "it did not recover when space was free again";
-  if (catalog.list("models", "", 1'000'000).items.size() != static_cast<std::size_t>(added) + 1) return "wrong count";
-  return "";
-}
-
 TEST(FullDisk, IsSaidAndLosesNothing) {
-  const test::TemporaryFolder folder;
-  constexpr int not_possible_here = 77;
-  const auto child = [&] {
-    if (unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) std::_Exit(not_possible_here);
-    if (mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
-        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
-      std::_Exit(not_possible_here);
-    std::string wrong;
-    try {
-      wrong = use_a_full_disk(folder.path());
-    } catch (const std::exception& error) {
-      wrong = error.what();
+  test::on_a_small_disk([](const fs::path& disk) -> std::string {
+    Catalog catalog(disk / "catalog.sqlite");
+    FileBlobStore blobs(disk / "blobs");
+    const auto stage = [&](std::size_t size) {
+      const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
+      staging->append(std::string(size, 'x'));
+      return staging->commit("filler");
+    };
+    if (error_of([&] { (void)blobs.stage(1 << 20, 1000); }) != ErrorCode::no_space)
+      return "a declared size was accepted";
+    std::vector<std::string> fillers;
+    for (const std::size_t size : {100'000, 4'096}) {
+      while (!error_of([&] { fillers.push_back(stage(size)); })) {
+      }
     }
-    std::cerr << wrong << std::flush;
-    std::_Exit(wrong.empty() ? 0 : 1);
-  };
-  const pid_t pid = fork();
-  ASSERT_GE(pid, 0);
-  if (pid == 0) child();
-  int status = 0;
-  ASSERT_EQ(waitpid(pid, &status, 0), pid);
-  ASSERT_TRUE(WIFEXITED(status));
-  if (WEXITSTATUS(status) == not_possible_here) GTEST_SKIP() << "this process may not mount a small file system";
-  EXPECT_EQ(WEXITSTATUS(status), 0);
+    if (fillers.empty()) return "nothing fitted";
+    int added = 0;
+    std::optional<ErrorCode> refusal;
+    while (!refusal && added < 100'000) {
+      refusal = error_of([&] { catalog.add(resource("m" + std::to_string(added))); });
+      added += !refusal;
+    }
+    if (refusal != ErrorCode::no_space) return "the full catalogue did not say no_space";
+    for (int i = 0; i < added; ++i)
+      if (!catalog.find("m" + std::to_string(i))) return "an acknowledged row is gone";
+    if (catalog.find("m" + std::to_string(added))) return "a refused row is there";
+
+    for (const std::string& key : fillers) blobs.remove(key);
+    if (error_of([&] { catalog.add(resource("after")); })) return "it did not recover when space was free again";
+    if (catalog.list("models", "", 1'000'000).items.size() != static_cast<std::size_t>(added) + 1) return "wrong count";
+    return "";
+  });
 }
 
 }  // namespace

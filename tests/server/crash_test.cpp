@@ -20,10 +20,6 @@
 #include "server/jobs.h"
 #include "tests/server/doubles.h"
 
-// ThreadSanitizer keeps a thread of its own, and by default refuses threads in the children of such a process.
-extern "C" const char* __tsan_default_options();
-extern "C" const char* __tsan_default_options() { return "die_after_fork=0"; }
-
 namespace spherule::server {
 namespace {
 

@@ -2,13 +2,23 @@
 #include "tests/server/doubles.h"
 
 #include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sched.h>
 #include <sys/mman.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <cstdlib>
+#include <iostream>
 #include <limits>
 #include <map>
 #include <mutex>
 #include <stdexcept>
+
+// ThreadSanitizer keeps a thread of its own, and by default refuses threads in the children of such a process.
+extern "C" const char* __tsan_default_options();
+extern "C" const char* __tsan_default_options() { return "die_after_fork=0"; }
 
 namespace spherule::server::test {
 
@@ -122,6 +132,36 @@ std::optional<ErrorCode> error_of(const std::function<void()>& act) {
   } catch (const Error& error) {
     return error.code();
   }
+}
+
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act) {
+  constexpr int not_possible_here = 77;
+  const auto in_child = [&]() -> int {
+    const TemporaryFolder folder;
+    if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
+      return not_possible_here;
+    std::string wrong;
+    try {
+      wrong = act(folder.path());
+    } catch (const std::exception& error) {
+      wrong = error.what();
+    }
+    umount(folder.path().c_str());
+    std::cerr << wrong << std::flush;
+    return wrong.empty() ? 0 : 1;
+  };
+  // A new process image rather than a fork, since ThreadSanitizer does not bear threads in a forked one.
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  bool possible = true;
+  EXPECT_EXIT(
+      std::_Exit(in_child()),
+      [&](int status) {
+        possible = WIFEXITED(status) && WEXITSTATUS(status) != not_possible_here;
+        return WIFEXITED(status) && (!possible || WEXITSTATUS(status) == 0);
+      },
+      "");
+  if (!possible) GTEST_SKIP() << "only root may mount the small file system that this needs";
 }
 
 }  // namespace spherule::server::test

@@ -76,4 +76,8 @@ class FaultyBlobStore final : public BlobStore {
 /// Code of the Error that `act` throws; nothing when it returns.
 std::optional<ErrorCode> error_of(const std::function<void()>& act);
 
+/// Runs `act` in a child process with a real file system of 2 MiB, and expects it to return "", else what went wrong.
+/// Skips the test where the process may not mount one.
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act);
+
 }  // namespace spherule::server::test

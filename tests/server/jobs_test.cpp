@@ -108,7 +108,7 @@ TEST_F(Jobs, FailsWithTheErrorsSentenceAndHidesFaults) {
         if (job.request == "error") throw Error(ErrorCode::unusable, "There is no object at this threshold.");
         if (job.request == "memory") throw std::bad_alloc();
         if (job.request == "odd") throw 7;
-        throw std::runtime_error("/home/secret: bug");
+        throw std::runtime_error("/etc/secret: bug");
       },
       [&](const std::string&, const std::string& what) { logged += what + "\n"; });
   const auto fate = [&](const char* request) {
@@ -124,7 +124,7 @@ TEST_F(Jobs, FailsWithTheErrorsSentenceAndHidesFaults) {
   EXPECT_FALSE(fate("bug").code);
   EXPECT_EQ(fate("bug").sentence.find("secret"), std::string::npos);
   EXPECT_FALSE(fate("odd").code);
-  EXPECT_EQ(logged, "/home/secret: bug\n/home/secret: bug\nan exception of unknown type\n");
+  EXPECT_EQ(logged, "/etc/secret: bug\n/etc/secret: bug\nan exception of unknown type\n");
 }
 
 TEST_F(Jobs, TheQueueIsBoundedAndInOrder) {
@@ -414,6 +414,50 @@ TEST_F(Jobs, AFullStoreFailsTheJob) {
   });
   const JobStatus over = pool.wait(pool.submit("model", "a", "").record.id, forever);
   EXPECT_EQ(over.record.error->code, ErrorCode::no_space);
+}
+
+// The catalogue can store neither the result nor the failure: this process says so, and the next one tries again.
+TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
+  test::on_a_small_disk([](const std::filesystem::path& disk) -> std::string {
+    Catalog catalog(disk / "catalog.sqlite");
+    FileBlobStore blobs(disk / "blobs");
+    std::vector<std::string> fillers;
+    const auto fill = [&] {
+      for (const std::size_t size : {100'000, 4'096})
+        while (!error_of([&] {
+          const auto staging = blobs.stage(std::uint64_t{1} << 20);
+          staging->append(std::string(size, 'x'));
+          fillers.push_back(staging->commit("filler"));
+        })) {
+        }
+    };
+    bool full = true;
+    const JobRunner runner = [&](const JobRecord& job, JobContext&) {
+      if (full) fill();
+      Resource result;
+      result.id = job.result_id;
+      result.document = std::string(100'000, 'd');
+      return result;
+    };
+    std::string id;
+    {
+      JobPool pool({}, catalog, blobs, runner);
+      id = pool.submit("model", "a", "").record.id;
+      const JobStatus failed = pool.wait(id, forever);
+      if (failed.record.state != JobState::failed || failed.record.error->code != ErrorCode::no_space)
+        return "the job did not fail for lack of space";
+      if (error_of([&] { pool.submit("model", "b", std::string(100'000, 'r')); }) != ErrorCode::no_space)
+        return "a job was accepted that could not be stored";
+    }
+    if (catalog.find("a")) return "half a result";
+    const bool failure_stored = is_over(catalog.find_job(id)->state);
+    full = false;
+    for (const std::string& key : fillers) blobs.remove(key);
+    const JobPool pool({}, catalog, blobs, runner);
+    const JobState fate = pool.wait(id, forever).record.state;
+    if (fate != (failure_stored ? JobState::failed : JobState::succeeded)) return "the job was not run again";
+    return "";
+  });
 }
 
 TEST_F(Jobs, OldFinishedJobsAreReadFromTheCatalogue) {

@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// spherule: one stage, or the whole pipeline, on a file, without the server.
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <new>
+#include <span>
+
+#include "clients/cli/options.h"
+#include "clients/cli/report.h"
+#include "core/base/error.h"
+#include "core/boundary.h"
+#include "core/checks.h"
+#include "core/io/export.h"
+#include "core/measure.h"
+#include "core/pipeline.h"
+
+namespace spherule::cli {
+namespace {
+
+class Stopwatch {
+ public:
+  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count(); }
+
+ private:
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+double peak_memory_mib() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
+
+// A line that is written over; only where somebody watches.
+class ProgressLine {
+ public:
+  Context context(unsigned threads) {
+    Context context;
+    context.threads = threads;
+    if (isatty(STDERR_FILENO) != 0)
+      context.progress = [this](std::string_view stage, double fraction) {
+        const int percent = static_cast<int>(100 * fraction);
+        if (percent >= 100) return clear();
+        if (percent == shown_ && stage == stage_) return;
+        shown_ = percent;
+        stage_ = stage;
+        std::fprintf(stderr, "\r\033[K%.*s %d %%", static_cast<int>(stage.size()), stage.data(), percent);
+      };
+    return context;
+  }
+  void clear() {
+    if (shown_ >= 0) std::fputs("\r\033[K", stderr);
+    shown_ = -1;
+  }
+
+ private:
+  std::string stage_;
+  int shown_ = -1;
+};
+
+using Format = std::string (*)(std::span<const Sphere>);
+
+// By the file's ending; nullptr when there is no such format.
+Format export_format(const std::filesystem::path& path) {
+  constexpr std::array<std::pair<std::string_view, Format>, 4> kFormats{
+      {{".csv", spheres_to_csv}, {".npy", spheres_to_npy}, {".ply", spheres_to_ply}, {".vtp", spheres_to_vtp}}};
+  const auto found =
+      std::ranges::find(kFormats, path.extension().string(), &std::pair<std::string_view, Format>::first);
+  return found == kFormats.end() ? nullptr : found->second;
+}
+
+void write_file(const std::filesystem::path& path, const std::string& bytes) {
+  std::ofstream out(path, std::ios::binary | std::ios::trunc);
+  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  out.close();
+  if (!out) throw Error(ErrorCode::no_space, "The output file cannot be written; check its folder and the space left.");
+}
+
+bool holds_spheres(const Options& options) {
+  const auto ending = options.files.front().extension();
+  return options.files.size() == 1 && !options.read.raw && (ending == ".csv" || ending == ".npy");
+}
+
+std::vector<Sphere> read_spheres(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw Error(ErrorCode::not_found, "The file cannot be opened.");
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  return path.extension() == ".csv" ? spheres_from_csv(bytes) : spheres_from_npy(bytes);
+}
+
+// A command at work: its options, what it prints, and how long each stage took.
+struct Run {
+  const Options& options;
+  const Context& context;
+  Report& report;
+  std::vector<StageTime> timings{};
+
+  template <typename F>
+  auto timed(const char* stage, F&& work) {
+    const Stopwatch watch;
+    auto result = work();
+    timings.push_back({stage, watch.seconds()});
+    return result;
+  }
+
+  Volume read() {
+    Volume volume = timed("read", [&] { return read_volume(options.files, options.read, context); });
+    for (const std::string& warning : volume.warnings) report.row("warning", std::string_view(warning));
+    return volume;
+  }
+
+  ObjectRule rule(const Volume& volume) const {
+    if (!options.rule) throw UsageError("Say what the object is: --threshold T, --range LO,HI or --labels A,B,...");
+    ObjectRule rule = *options.rule;
+    rule.side = options.side.value_or(rule.kind == ObjectRule::Kind::threshold ? volume.natural_side : Side::above);
+    return rule;
+  }
+
+  BuiltModel build(const Volume& volume) {
+    BuiltModel built = build_model(volume, rule(volume), {}, context);
+    timings.insert(timings.end(), built.timings.begin(), built.timings.end());
+    for (const std::string& warning : built.warnings) report.row("warning", std::string_view(warning));
+    return built;
+  }
+
+  // The model of a volume, or the spheres that the file holds.
+  BuiltModel obtain() {
+    if (!holds_spheres(options)) return build(read());
+    if (options.rule) throw UsageError("A set of spheres has no threshold, range or labels.");
+    BuiltModel built;
+    built.model.spheres = timed("read", [&] { return read_spheres(options.files.front()); });
+    return built;
+  }
+
+  void export_spheres(std::span<const Sphere> spheres) {
+    if (options.out.empty()) return;
+    write_file(options.out, timed("export", [&] { return export_format(options.out)(spheres); }));
+  }
+
+  void counts(const BuiltModel& built) {
+    report.heading("Model");
+    if (built.model.solid) {
+      report.row("boundary_points", std::uint64_t{built.model.solid->boundary.points.size()});
+      report.row("tetrahedra", std::uint64_t{built.model.solid->cells.size()});
+      report.row("inside_tetrahedra", std::uint64_t{built.model.solid->inside_count});
+      report.row("boundary_point_density", built.boundary_point_density_mm, "mm");
+    }
+    report.row("spheres", std::uint64_t{built.model.spheres.size()});
+    const Box box = bounds(built.model);
+    if (box.empty()) return;
+    report.row("bounds_min", box.min, "mm");
+    report.row("bounds_max", box.max, "mm");
+  }
+
+  void costs() {
+    report.heading("Costs");
+    double total = 0;
+    for (const auto& [stage, seconds] : timings) {
+      report.row(stage + "_time", seconds, "s");
+      total += seconds;
+    }
+    report.row("total_time", total, "s");
+    report.row("peak_memory", peak_memory_mib(), "MiB");
+  }
+
+  void info() {
+    const Volume volume = read();
+    const ValueRange range = value_range(volume, context);
+    const Grid& grid = volume.grid;
+    report.heading("Volume");
+    report.row("format", std::string_view(volume.format));
+    report.row("dims", std::string_view(std::to_string(grid.dims[0]) + ' ' + std::to_string(grid.dims[1]) + ' ' +
+                                        std::to_string(grid.dims[2])));
+    report.row("spacing", grid.spacing, "mm");
+    report.row("origin", grid.origin, "mm");
+    for (int axis = 0; axis < 3; ++axis)
+      report.row("direction_" + std::string(1, "ijk"[axis]), grid.direction.column(axis));
+    report.row("type", name(volume.type));
+    report.row("slope", volume.slope);
+    report.row("intercept", volume.intercept);
+    report.row("min", range.min);
+    report.row("max", range.max);
+    report.row("not_finite", std::uint64_t{range.not_finite});
+    report.row("inside", volume.natural_side == Side::below ? "below" : "above");
+  }
+
+  void points() {
+    const Volume volume = read();
+    const ObjectRule object = rule(volume);
+    const auto samples = timed("samples", [&] { return classify_samples(volume, object, context); });
+    const auto boundary =
+        timed("boundary", [&] { return extract_boundary(volume, object, samples, ModelLimits{}.max_points, context); });
+    report.heading("Boundary");
+    report.row("inside_samples", samples.inside.count());
+    report.row("boundary_points", std::uint64_t{boundary.points.size()});
+    report.row("touches_border", boundary.touches_border ? "yes" : "no");
+    report.row("lattice_unit", boundary.lattice.unit_mm, "mm");
+    if (options.out.empty()) return;
+    std::vector<Sphere> spheres;
+    spheres.reserve(boundary.points.size());
+    for (const LatticePoint& p : boundary.points) spheres.push_back({boundary.lattice.to_patient(p), 0});
+    export_spheres(spheres);
+  }
+
+  void model() {
+    const BuiltModel built = obtain();
+    counts(built);
+    export_spheres(built.model.spheres);
+  }
+
+  void measures() {
+    const Volume volume = read();
+    const BuiltModel built = build(volume);
+    counts(built);
+    const auto samples = classify_samples(volume, rule(volume), context);
+    const auto voxels = measure_voxels(volume.grid, samples.inside);
+    const auto cells = timed("measures", [&] { return measure_tetrahedra(*built.model.solid, context); });
+    const auto radii = radius_histogram(built.model.spheres, 1);
+    report.heading("Measures");
+    report.row("voxels", voxels.count);
+    report.row("voxels_volume", voxels.volume_mm3, "mm3");
+    report.row("tetrahedra_volume", cells.volume_mm3, "mm3");
+    report.row("tetrahedra_area", cells.area_mm2, "mm2");
+    report.row("boundary_facets", cells.boundary_facets);
+    const auto& b = cells.topology.betti;
+    report.row("betti",
+               std::string_view(std::to_string(b[0]) + ' ' + std::to_string(b[1]) + ' ' + std::to_string(b[2])));
+    report.row("euler_characteristic", std::string_view(std::to_string(cells.topology.euler_characteristic)));
+    report.row("least_radius", radii.min_mm, "mm");
+    report.row("largest_radius", radii.max_mm, "mm");
+  }
+
+  void checks() {
+    const Volume volume = read();
+    const BuiltModel built = build(volume);
+    counts(built);
+    const ObjectRule object = rule(volume);
+    const auto samples = classify_samples(volume, object, context);
+    const auto [criteria, limits] =
+        timed("checks", [&] { return check_model(built.model, samples.inside, object.border, context); });
+    report.heading("Checks");
+    report.row("inside_samples_not_covered", criteria.inside_samples_not_covered);
+    report.row("outside_samples_covered", criteria.outside_samples_covered);
+    report.row("boundary_points_inside_balls", criteria.boundary_points_inside_balls);
+    report.row("boundary_points_on_no_ball", criteria.boundary_points_on_no_ball);
+    report.row("violations", criteria.violations());
+    report.row("density", limits.density_mm, "mm");
+    report.row("density_bound", limits.density_bound_mm, "mm");
+    report.row("cells_per_point", limits.cells_per_point);
+    report.row("tetrahedra_volume", limits.tetrahedra_volume_mm3, "mm3");
+    report.row("spheres_volume_bound", limits.spheres_volume_bound_mm3, "mm3");
+  }
+
+  void render() {
+    const BuiltModel built = obtain();
+    counts(built);
+    const Image image = timed("render", [&] { return render_spheres(built.model, options.render, context); });
+    write_file(options.out, timed("png", [&] { return encode_png(image); }));
+  }
+
+  void go() {
+    const std::string& command = options.command;
+    if (command == "info") return info();
+    if (command == "points") points();
+    if (command == "model" || command == "export") model();
+    if (command == "measures") measures();
+    if (command == "checks") checks();
+    if (command == "render") render();
+    costs();
+  }
+};
+
+// Said before hours of work, not after.
+void check_output(const Options& options) {
+  const bool picture = options.command == "render";
+  if (options.out.empty()) {
+    if (picture || options.command == "export") throw UsageError("Say where to: -o FILE.");
+  } else if (picture) {
+    if (options.out.extension() != ".png") throw UsageError("Pictures are PNG: -o FILE.png.");
+  } else if (options.command != "points" && options.command != "model" && options.command != "export") {
+    throw UsageError("The command " + options.command + " writes no file; leave out -o.");
+  } else if (export_format(options.out) == nullptr) {
+    throw UsageError("The output file must end in .csv, .npy, .ply or .vtp.");
+  }
+}
+
+}  // namespace
+}  // namespace spherule::cli
+
+int main(int argc, char** argv) {
+  using namespace spherule::cli;
+  ProgressLine line;
+  const auto fail = [&](int status, const char* sentence) {
+    line.clear();
+    std::fprintf(stderr, "spherule: %s\n", sentence);
+    return status;
+  };
+  try {
+    const Options options = parse(argc, argv);
+    if (options.help) {
+      std::fputs(usage, stdout);
+      return 0;
+    }
+    check_output(options);
+    Report report(options.plain);
+    const spherule::Context context = line.context(options.threads);
+    Run{options, context, report}.go();
+    line.clear();
+    return 0;
+  } catch (const UsageError& error) {
+    return fail(2, error.what());
+  } catch (const spherule::Error& error) {
+    return fail(error.code() == spherule::ErrorCode::invalid_argument ? 2 : 1, error.what());
+  } catch (const std::bad_alloc&) {
+    return fail(1, "There is not enough memory for this; choose a smaller volume or part of it.");
+  }
+}

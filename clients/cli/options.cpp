@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "clients/cli/options.h"
+
+#include <getopt.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <string_view>
+#include <thread>
+
+#include "core/base/error.h"
+
+namespace spherule::cli {
+
+const char* const usage =
+    R"(spherule COMMAND FILE... [options]: run stages of Spherule on a file, without the server
+
+Commands
+  info      what the volume is: size, spacing, type, range of values
+  points    boundary points (-o writes them as spheres of radius 0)
+  model     the sphere model, stage by stage (-o writes its spheres)
+  measures  volume, area, topology and radii
+  checks    the model's own guarantees, with counts of violations
+  render    a picture of the spheres (-o picture.png)
+  export    the spheres as a file (-o file.csv, .npy, .ply or .vtp)
+
+FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, render and
+export a set of spheres (.csv or .npy with x y z r in mm).
+
+The object
+  --threshold T          inside where value >= T
+  --range LO,HI          inside where LO <= value <= HI
+  --labels A,B,...       inside where the value is one of these whole numbers
+  --below, --above       which side is inside (default: above; level sets: below)
+  --border closed|open   at the border of the volume (default: closed, half a voxel beyond it)
+
+Reading
+  --raw NX,NY,NZ,TYPE[,SX,SY,SZ[,OX,OY,OZ]][,big]   headerless samples, x fastest; TYPE by NumPy's names
+  --frame N              of a file of several volumes
+  --grid NAME            of an OpenVDB file
+
+Pictures
+  --view a|p|r|l|h|f     seen from the front, back, right, left, above (head), below (feet) (default: a)
+  --size W[xH]           pixels (default: 800)
+  --samples N            N x N rays a pixel (default: 3)
+  --background transparent|white|dark
+
+Other
+  -o, --output FILE      what to write
+  --threads N            (default: as many as the machine has)
+  --plain                "key value" lines for scripts, the unit at the end of the key
+  --help
+
+Exit status: 0 done, 1 the data cannot be used, 2 the command line makes no sense.
+)";
+
+namespace {
+
+constexpr std::array kCommands{"info", "points", "model", "measures", "checks", "render", "export"};
+
+template <typename T>
+T number(std::string_view text, std::string_view option) {
+  T value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (text.empty() || error != std::errc{} || end != text.data() + text.size())
+    throw UsageError(std::string(option) + " expects a number, not \"" + std::string(text) + "\".");
+  return value;
+}
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (;;) {
+    const auto end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+RawLayout parse_raw(std::string_view text) {
+  auto parts = split(text, ',');
+  RawLayout raw;
+  if (parts.back() == "big") {
+    raw.big_endian = true;
+    parts.pop_back();
+  }
+  if (parts.size() != 4 && parts.size() != 7 && parts.size() != 10)
+    throw UsageError("--raw expects NX,NY,NZ,TYPE, then a spacing of three numbers and an origin of three, if given.");
+  const auto vector_at = [&](std::size_t first) {
+    return Vec3{number<double>(parts[first], "--raw"), number<double>(parts[first + 1], "--raw"),
+                number<double>(parts[first + 2], "--raw")};
+  };
+  for (std::size_t a = 0; a < 3; ++a) raw.dims[a] = number<std::int32_t>(parts[a], "--raw");
+  raw.type = voxel_type(parts[3]);
+  if (parts.size() >= 7) raw.spacing = vector_at(4);
+  if (parts.size() >= 10) raw.origin = vector_at(7);
+  return raw;
+}
+
+ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
+  ObjectRule rule;
+  rule.kind = kind;
+  const auto parts = split(text, ',');
+  switch (kind) {
+    case ObjectRule::Kind::threshold: rule.lo = number<double>(text, "--threshold"); break;
+    case ObjectRule::Kind::range:
+      if (parts.size() != 2) throw UsageError("--range expects two numbers, LO,HI.");
+      rule.lo = number<double>(parts[0], "--range");
+      rule.hi = number<double>(parts[1], "--range");
+      break;
+    case ObjectRule::Kind::labels:
+      for (const auto part : parts) rule.labels.push_back(number<std::int64_t>(part, "--labels"));
+      std::ranges::sort(rule.labels);
+      rule.labels.erase(std::unique(rule.labels.begin(), rule.labels.end()), rule.labels.end());
+      break;
+  }
+  return rule;
+}
+
+// The value of a table of names, or a UsageError that lists them.
+template <typename T, std::size_t N>
+T one_of(const std::array<std::pair<const char*, T>, N>& table, std::string_view text, std::string_view option) {
+  std::string names;
+  for (const auto& [name, value] : table) {
+    if (text == name) return value;
+    names += (names.empty() ? "" : ", ") + std::string(name);
+  }
+  throw UsageError(std::string(option) + " is one of " + names + ", not \"" + std::string(text) + "\".");
+}
+
+}  // namespace
+
+Options parse(int argc, char** argv) {
+  enum Long {
+    threshold = 256,
+    range,
+    labels,
+    below,
+    above,
+    border,
+    raw,
+    frame,
+    grid,
+    view,
+    size,
+    samples,
+    background,
+    threads,
+    plain,
+    help
+  };
+  static const option kLong[] = {{"threshold", required_argument, nullptr, threshold},
+                                 {"range", required_argument, nullptr, range},
+                                 {"labels", required_argument, nullptr, labels},
+                                 {"below", no_argument, nullptr, below},
+                                 {"above", no_argument, nullptr, above},
+                                 {"border", required_argument, nullptr, border},
+                                 {"raw", required_argument, nullptr, raw},
+                                 {"frame", required_argument, nullptr, frame},
+                                 {"grid", required_argument, nullptr, grid},
+                                 {"view", required_argument, nullptr, view},
+                                 {"size", required_argument, nullptr, size},
+                                 {"samples", required_argument, nullptr, samples},
+                                 {"background", required_argument, nullptr, background},
+                                 {"output", required_argument, nullptr, 'o'},
+                                 {"threads", required_argument, nullptr, threads},
+                                 {"plain", no_argument, nullptr, plain},
+                                 {"help", no_argument, nullptr, help},
+                                 {nullptr, 0, nullptr, 0}};
+  Options options;
+  options.threads = std::max(1U, std::thread::hardware_concurrency());
+  Border rule_border = Border::closed;
+  const auto set_rule = [&](ObjectRule::Kind kind) {
+    if (options.rule) throw UsageError("Give one of --threshold, --range and --labels, once.");
+    options.rule = parse_rule(kind, optarg);
+  };
+  opterr = 0;
+  for (int c; (c = getopt_long(argc, argv, ":o:", kLong, nullptr)) != -1;) {
+    switch (c) {
+      case threshold: set_rule(ObjectRule::Kind::threshold); break;
+      case range: set_rule(ObjectRule::Kind::range); break;
+      case labels: set_rule(ObjectRule::Kind::labels); break;
+      case below: options.side = Side::below; break;
+      case above: options.side = Side::above; break;
+      case border:
+        rule_border = one_of(std::array{std::pair{"closed", Border::closed}, std::pair{"open", Border::open}}, optarg,
+                             "--border");
+        break;
+      case raw: options.read.raw = parse_raw(optarg); break;
+      case frame: options.read.frame = number<int>(optarg, "--frame"); break;
+      case grid: options.read.grid = optarg; break;
+      case view:
+        options.render.view = one_of(
+            std::array{std::pair{"a", View::anterior}, std::pair{"p", View::posterior}, std::pair{"r", View::right},
+                       std::pair{"l", View::left}, std::pair{"h", View::head}, std::pair{"f", View::foot}},
+            optarg, "--view");
+        break;
+      case size: {
+        const auto parts = split(optarg, 'x');
+        if (parts.size() > 2) throw UsageError("--size expects W or WxH, in pixels.");
+        options.render.width = number<int>(parts.front(), "--size");
+        options.render.height = number<int>(parts.back(), "--size");
+        break;
+      }
+      case samples: options.render.samples_per_axis = number<int>(optarg, "--samples"); break;
+      case background:
+        options.render.background =
+            one_of(std::array{std::pair{"transparent", Background::transparent}, std::pair{"white", Background::white},
+                              std::pair{"dark", Background::dark}},
+                   optarg, "--background");
+        break;
+      case 'o': options.out = optarg; break;
+      case threads: options.threads = number<unsigned>(optarg, "--threads"); break;
+      case plain: options.plain = true; break;
+      case help: options.help = true; return options;
+      case ':': throw UsageError(std::string(argv[optind - 1]) + " needs a value.");
+      default: throw UsageError("There is no option " + std::string(argv[optind - 1]) + "; see spherule --help.");
+    }
+  }
+  if (options.rule) options.rule->border = rule_border;
+  if (options.threads < 1 || options.threads > 1024) throw UsageError("--threads is within 1 and 1024.");
+  if (optind >= argc) throw UsageError("Say what to do: spherule COMMAND FILE...; see spherule --help.");
+  options.command = argv[optind++];
+  if (std::ranges::find(kCommands, options.command) == kCommands.end())
+    throw UsageError("There is no command \"" + options.command + "\"; see spherule --help.");
+  options.files.assign(argv + optind, argv + argc);
+  if (options.files.empty()) throw UsageError("Name a file: spherule " + options.command + " FILE....");
+  return options;
+}
+
+}  // namespace spherule::cli

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The command line, parsed.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "core/inside.h"
+#include "core/io/read.h"
+#include "core/render/render.h"
+
+namespace spherule::cli {
+
+/// The command line makes no sense; the message is one sentence. Exit status 2.
+struct UsageError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+struct Options {
+  std::string command;                       ///< info, points, model, measures, checks, render or export
+  std::vector<std::filesystem::path> files;  ///< at least one
+  ReadOptions read;
+  std::optional<ObjectRule> rule;  ///< without its side, which `side` or else the volume decides
+  std::optional<Side> side;
+  RenderOptions render;
+  std::filesystem::path out;  ///< empty: nothing is written
+  unsigned threads = 1;
+  bool plain = false;  ///< "key value" lines for scripts
+  bool help = false;
+};
+
+/// What `spherule --help` prints.
+extern const char* const usage;
+
+/// Throws UsageError.
+Options parse(int argc, char** argv);
+
+}  // namespace spherule::cli

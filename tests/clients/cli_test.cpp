@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The developers' command, run as a process on a phantom that the test writes.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <numbers>
+#include <sstream>
+
+#include "core/io/export.h"
+
+namespace spherule {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Outcome {
+  int status = -1;
+  std::string out;  // standard output and error
+  std::map<std::string, std::string> rows;
+};
+
+class Command : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::path(testing::TempDir()) / ("spherule_cli_" + std::to_string(getpid()));
+    fs::create_directories(folder_);
+    // Values fall evenly from the centre: the surface at 100 is a ball of radius 10 mm.
+    std::ofstream out(folder_ / "ball.raw", std::ios::binary);
+    for (int k = 0; k < 26; ++k)
+      for (int j = 0; j < 26; ++j)
+        for (int i = 0; i < 26; ++i) {
+          const double r = std::hypot(i - 12.5, j - 12.5, k - 12.5);
+          out.put(static_cast<char>(std::lround(std::max(0.0, 200 - 10 * r))));
+        }
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  // The words after the command's name; FOLDER/ stands for the test's folder.
+  Outcome run(std::string words) const {
+    for (std::size_t i; (i = words.find("FOLDER/")) != std::string::npos;) words.replace(i, 7, folder_.string() + "/");
+    Outcome outcome;
+    FILE* pipe = popen((std::string(SPHERULE_COMMAND) + ' ' + words + " 2>&1").c_str(), "r");
+    if (pipe == nullptr) return outcome;
+    std::array<char, 4096> buffer;
+    for (std::size_t n; (n = fread(buffer.data(), 1, buffer.size(), pipe)) > 0;) outcome.out.append(buffer.data(), n);
+    const int status = pclose(pipe);
+    outcome.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    std::istringstream lines(outcome.out);
+    for (std::string key, value; lines >> key && std::getline(lines >> std::ws, value);) outcome.rows[key] = value;
+    return outcome;
+  }
+  std::string bytes(const char* name) const {
+    std::ifstream in(folder_ / name, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+
+  fs::path folder_;
+};
+
+const std::string kBall = " FOLDER/ball.raw --raw 26,26,26,uint8 ";
+
+TEST_F(Command, Info) {
+  const Outcome o = run("info --plain FOLDER/ball.raw --raw 26,26,26,uint8,1,2,3,-5,0,0.5");
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_EQ(o.rows.at("dims"), "26 26 26");
+  EXPECT_EQ(o.rows.at("spacing_mm"), "1 2 3");
+  EXPECT_EQ(o.rows.at("origin_mm"), "-5 0 0.5");
+  EXPECT_EQ(o.rows.at("type"), "uint8");
+  EXPECT_EQ(o.rows.at("format"), "raw");
+}
+
+TEST_F(Command, MeasuresTheBall) {
+  const Outcome o = run("measures --plain --threshold 100.5" + kBall);
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_NEAR(std::stod(o.rows.at("tetrahedra_volume_mm3")), 4.0 / 3 * std::numbers::pi * 1000, 100);
+  EXPECT_EQ(o.rows.at("betti"), "1 0 0");
+  EXPECT_GT(std::stod(o.rows.at("peak_memory_MiB")), 1);
+  EXPECT_TRUE(o.rows.contains("delaunay_time_s"));
+}
+
+TEST_F(Command, ChecksFindNothing) {
+  const Outcome o = run("checks --plain --threshold 100.5 --border open" + kBall);
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_EQ(o.rows.at("violations"), "0");
+}
+
+TEST_F(Command, PointsExportAndModelAgree) {
+  const Outcome points = run("points --plain --threshold 100.5 -o FOLDER/points.csv" + kBall);
+  ASSERT_EQ(points.status, 0) << points.out;
+  const Outcome model = run("export --plain --threshold 100.5 -o FOLDER/spheres.npy" + kBall);
+  ASSERT_EQ(model.status, 0) << model.out;
+  EXPECT_EQ(points.rows.at("boundary_points"), model.rows.at("boundary_points"));
+  EXPECT_EQ(spheres_from_csv(bytes("points.csv")).size(), std::stoul(points.rows.at("boundary_points")));
+  EXPECT_EQ(spheres_from_npy(bytes("spheres.npy")).size(), std::stoul(model.rows.at("spheres")));
+
+  // The spheres come back as a model of their own.
+  const Outcome again = run("model --plain FOLDER/spheres.npy");
+  ASSERT_EQ(again.status, 0) << again.out;
+  EXPECT_EQ(again.rows.at("spheres"), model.rows.at("spheres"));
+  EXPECT_FALSE(again.rows.contains("tetrahedra"));
+}
+
+TEST_F(Command, RendersAPicture) {
+  const Outcome o = run("render --threshold 100.5 --size 64x48 --view h -o FOLDER/ball.png" + kBall);
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_EQ(bytes("ball.png").substr(0, 8), "\x89PNG\r\n\x1a\n");
+}
+
+TEST_F(Command, RangesLabelsAndSides) {
+  for (const char* rule : {"--range 50,100", "--labels 100,99,100", "--threshold 100 --below"}) {
+    const Outcome o = run("points --plain " + std::string(rule) + kBall);
+    ASSERT_EQ(o.status, 0) << o.out;
+    EXPECT_NE(o.rows.at("boundary_points"), "0") << rule;
+  }
+}
+
+TEST_F(Command, UnusableDataIsOneSentenceAndOne) {
+  std::ofstream(folder_ / "bad.csv") << "x,y,z,r\n1,2,3,nan\n";
+  for (const char* words :
+       {"model --threshold 100 FOLDER/absent.nii", "model --threshold 100 --raw 27,26,26,uint8 FOLDER/ball.raw",
+        "model --threshold 300 --raw 26,26,26,uint8 FOLDER/ball.raw", "model FOLDER/bad.csv", "info FOLDER/ball.raw"}) {
+    const Outcome o = run(words);
+    EXPECT_EQ(o.status, 1) << words << '\n' << o.out;
+    EXPECT_TRUE(o.out.starts_with("spherule: ") && o.out.ends_with(".\n")) << o.out;
+    EXPECT_EQ(std::ranges::count(o.out, '\n'), 1) << o.out;
+    EXPECT_EQ(o.out.find(folder_.string()), std::string::npos) << "a path is said: " << o.out;
+  }
+}
+
+TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
+  for (const char* words :
+       {"", "paint FOLDER/ball.raw", "info", "info --colour red FOLDER/ball.raw", "info --threshold",
+        "model FOLDER/ball.raw --raw 26,26,26,uint8", "model --threshold x FOLDER/ball.raw",
+        "model --threshold 1 --range 1,2 FOLDER/ball.raw", "model --range 1 FOLDER/ball.raw",
+        "model --range 2,1 FOLDER/ball.raw --raw 26,26,26,uint8", "info --raw 26,26,uint8 FOLDER/ball.raw",
+        "info --raw 26,26,26,int128 FOLDER/ball.raw", "render --threshold 1 FOLDER/ball.raw",
+        "render --threshold 1 -o FOLDER/a.gif FOLDER/ball.raw", "export --threshold 1 -o FOLDER/a.stl FOLDER/ball.raw",
+        "measures --threshold 1 -o FOLDER/a.csv FOLDER/ball.raw", "info --threads 0 FOLDER/ball.raw",
+        "render --view x -o FOLDER/a.png FOLDER/ball.raw", "info --border ajar FOLDER/ball.raw"}) {
+    const Outcome o = run(words);
+    EXPECT_EQ(o.status, 2) << words << '\n' << o.out;
+    EXPECT_TRUE(o.out.starts_with("spherule: ")) << o.out;
+    EXPECT_EQ(std::ranges::count(o.out, '\n'), 1) << o.out;
+  }
+}
+
+TEST_F(Command, HelpNamesEveryCommand) {
+  const Outcome o = run("--help");
+  ASSERT_EQ(o.status, 0);
+  for (const char* word : {"info", "points", "model", "measures", "checks", "render", "export"})
+    EXPECT_NE(o.out.find(std::string("\n  ") + word + ' '), std::string::npos) << word;
+}
+
+}  // namespace
+}  // namespace spherule

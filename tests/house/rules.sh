@@ -1,0 +1,62 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: GPL-3.0-or-later
+#
+# rules.sh ROOT: fails when the sources under ROOT break a rule of the house, naming rule, file and line.
+set -euo pipefail
+cd "$1"
+
+mapfile -t files < <(find . \( -name .git -o -path ./build -o -path ./spherule-data \) -prune -o -type f -printf '%P\n' | sort)
+broken=no
+breach() {
+  printf '%s\n' "$@"
+  broken=yes
+}
+
+# forbid RULE FILES PATTERN [EXCEPT]: in files whose name matches FILES, but not EXCEPT, no line may match PATTERN.
+forbid() {
+  local where line
+  mapfile -t where < <(printf '%s\n' "${files[@]}" | grep -P -- "$2" | grep -vP -- "${4:-^$}")
+  [ ${#where[@]} -gt 0 ] || return 0
+  while read -r line; do breach "$1: $line"; done < <(grep -HnIP -- "$3" "${where[@]}")
+}
+
+cpp='\.(h|cpp)$'
+
+# A heavy or foreign library is included in the one place that knows it. Tests may use one as an independent model.
+# only_in LIBRARY HEADER FILES
+only_in() { forbid "$1 belongs elsewhere" "$cpp" "^\s*#\s*include\s*[<\"]$2" "$3"; }
+only_in cpp-httplib 'httplib\.h' '^server/listener\.cpp$|^tests/e2e/'
+only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
+only_in SQLite 'sqlite3\.h' '^server/catalog\.cpp$|^tests/server/'
+only_in CGAL 'CGAL/' '^core/(delaunay|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'
+only_in Embree 'embree' '^core/render/\w+\.cpp$'
+only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
+only_in ITK 'itk[A-Z]\w+\.h' '^core/io/\w+\.cpp$'
+only_in nifti 'nifti' '^core/io/\w+\.cpp$'
+only_in OpenVDB 'openvdb/' '^core/io/\w+\.cpp$|^tests/io/\w+\.cpp$'
+forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
+
+# Code depends one way: core knows nobody, api knows core, server knows both, clients/cli only core.
+forbid 'core knows nobody else' "^core/.*$cpp" '^\s*#\s*include\s*"(?!core/)'
+forbid 'api knows only core' "^api/.*$cpp" '^\s*#\s*include\s*"(?!(api|core)/)'
+forbid 'server knows only api and core' "^server/.*$cpp" '^\s*#\s*include\s*"(?!(server|api|core)/)'
+forbid 'the command line knows only core' "^clients/cli/.*$cpp" '^\s*#\s*include\s*"(?!(clients/cli|core)/)'
+
+forbid 'core neither prints nor exits' "^core/.*$cpp" 'std::(cout|cerr|clog)\b|\b(f|std::)?(printf|puts)\(|\b(exit|abort)\(' \
+  '^core/base/check\.h$'
+
+# Where people keep their checkouts and scratch files is nobody else's business.
+forbid 'names a folder of one machine' '.' '(^|[^\w.~-])/(home|root|tmp|mnt|Users|work|workspace|scratch)/' '^LICENSE$'
+
+for file in "${files[@]}"; do
+  case $file in
+    *.h | *.cpp | *.sh | *.py | *CMakeLists.txt | run | test | .ci/run | docker/*)
+      head -n 3 "$file" | grep -q 'SPDX-License-Identifier: GPL-3.0-or-later' || breach "no SPDX line at the top: $file"
+      ;;
+  esac
+  case $file in
+    *.h) grep -q '^#pragma once$' "$file" || breach "no #pragma once: $file" ;;
+  esac
+done
+
+[ $broken = no ]
