@@ -26,11 +26,6 @@ std::string Answer::header(const std::string& name) const {
   return found == headers.end() ? "" : found->second;
 }
 
-std::set<std::tuple<std::string, std::string, int>>& Client::seen() {
-  static std::set<std::tuple<std::string, std::string, int>> all;
-  return all;
-}
-
 Answer Client::ask(const std::string& method, const std::string& target, const Ask& ask) const {
   httplib::Client http("127.0.0.1", port_);
   http.set_read_timeout(static_cast<time_t>(ask.timeout_s));
@@ -40,7 +35,8 @@ Answer Client::ask(const std::string& method, const std::string& target, const A
   request.path = target;
   request.body = ask.body;
   for (const auto& [name, value] : ask.headers) request.set_header(name, value);
-  if (!ask.type.empty()) request.set_header("Content-Type", ask.type);
+  const std::string type = ask.type.empty() && ask.body.starts_with("{") ? "application/json" : ask.type;
+  if (!type.empty()) request.set_header("Content-Type", type);
   const httplib::Result result = http.send(request);
   Answer answer;
   if (!result) return answer;
@@ -48,7 +44,6 @@ Answer Client::ask(const std::string& method, const std::string& target, const A
   answer.body = result->body;
   for (const auto& [name, value] : result->headers) answer.headers.emplace(lower(name), value);
   const std::string pattern = template_of(target);
-  seen().emplace(method, pattern, answer.status);
   const bool readable = answer.header("Content-Encoding").empty();
   if (!pattern.empty() && answer.status != 405 && method != "OPTIONS" && readable) {
     for (const std::string& wrong : violations(method, target.substr(0, target.find('?')), answer.status,
@@ -76,13 +71,13 @@ Json Client::model(const Json& wish) const {
   return answer.json();
 }
 
-std::string Client::raw(const std::string& bytes) const {
+std::string Client::raw(const std::string& bytes, int patience_s) const {
   const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(static_cast<std::uint16_t>(port_));
   address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const timeval patience{.tv_sec = 20, .tv_usec = 0};
+  const timeval patience{.tv_sec = patience_s, .tv_usec = 0};
   ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   std::string answer;
   if (::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) {
@@ -91,10 +86,11 @@ std::string Client::raw(const std::string& bytes) const {
       if (n <= 0) break;
       at += static_cast<std::size_t>(n);
     }
-    ::shutdown(fd, SHUT_WR);
+    const timeval silence{.tv_sec = 1, .tv_usec = 0};
     std::array<char, 4096> piece{};
     for (ssize_t n; (n = ::recv(fd, piece.data(), piece.size(), 0)) > 0;) {
       answer.append(piece.data(), static_cast<std::size_t>(n));
+      ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &silence, sizeof silence);
     }
   }
   ::close(fd);

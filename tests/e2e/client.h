@@ -5,7 +5,6 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <string>
 #include <utility>
 
@@ -25,7 +24,7 @@ struct Answer {
 struct Ask {
   std::map<std::string, std::string> headers{};
   std::string body{};
-  std::string type{};
+  std::string type{};  ///< empty: JSON for a body that starts like it
   double timeout_s = 120;
 };
 
@@ -43,11 +42,9 @@ class Client {
   /// Makes a model, waiting for it, and gives its document.
   Json model(const Json& wish) const;
 
-  /// Sends `bytes` as they are, half closes, and gives all that comes back until the server closes.
-  std::string raw(const std::string& bytes) const;
-
-  /// Every (method, template, status) that was answered to any client of this process.
-  static std::set<std::tuple<std::string, std::string, int>>& seen();
+  /// Sends `bytes` as they are, and gives all that comes back until the server closes or has been silent for a
+  /// second; at most `patience_s` for the first byte.
+  std::string raw(const std::string& bytes, int patience_s = 30) const;
 
  private:
   int port_;
