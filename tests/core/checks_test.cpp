@@ -33,10 +33,10 @@ Grid grid_of(std::array<std::int32_t, 3> dims, Vec3 spacing = {1, 1, 1}) {
   return {.dims = dims, .spacing = spacing, .origin = {}, .direction = {}};
 }
 
-constexpr std::array<Vec3, 6> kSpacings{Vec3{1, 1, 1}, Vec3{1, 1, 2}, Vec3{1, 1, 5},
+constexpr std::array<Vec3, 6> kSpacings{Vec3{1, 1, 1},  Vec3{1, 1, 2}, Vec3{1, 1, 5},
                                         Vec3{1, 1, 10}, Vec3{3, 1, 7}, Vec3{0.45, 0.45, 5}};
-constexpr std::array<std::array<std::int32_t, 3>, 7> kShapes{{{1, 1, 1}, {1, 6, 1}, {2, 2, 2}, {1, 9, 9}, {5, 6, 4},
-                                                              {9, 8, 7}, {65, 2, 3}}};
+constexpr std::array<std::array<std::int32_t, 3>, 7> kShapes{
+    {{1, 1, 1}, {1, 6, 1}, {2, 2, 2}, {1, 9, 9}, {5, 6, 4}, {9, 8, 7}, {65, 2, 3}}};
 
 // Calls visit(volume, rule) for noise of many shapes, spacings and seeds, half of the thresholds with ties.
 template <typename Visit>
@@ -85,7 +85,8 @@ TEST(Checks, EveryPointIsOnABallWhereverVoxelsAreNearlyCubicOrLabelled) {
   int models = 0;
   for_each_case(Border::closed, 2, [&](const Volume& volume, const ObjectRule& rule) {
     const Vec3 spacing = volume.grid.spacing;
-    const bool nearly_cubic = std::max({spacing.x, spacing.y, spacing.z}) <= 2 * std::min({spacing.x, spacing.y, spacing.z});
+    const bool nearly_cubic =
+        std::max({spacing.x, spacing.y, spacing.z}) <= 2 * std::min({spacing.x, spacing.y, spacing.z});
     const bool labelled = rule.kind == ObjectRule::Kind::labels;
     if (!labelled && (!nearly_cubic || rule.kind == ObjectRule::Kind::range)) return;
     const auto built = build(volume, rule);
@@ -97,8 +98,8 @@ TEST(Checks, EveryPointIsOnABallWhereverVoxelsAreNearlyCubicOrLabelled) {
 }
 
 // The same argument point by point, for every object: a boundary point may miss the inside balls only where it has no
-// inside end (a range is jumped over), the inside end is outside the hull (an open border), or another point lies in the
-// ball over the diameter between the two (spacings that differ by more than twice).
+// inside end (a range is jumped over), the inside end is outside the hull (an open border), or another point lies in
+// the ball over the diameter between the two (spacings that differ by more than twice).
 TEST(Checks, APointOffAllBallsHasAGeometricReason) {
   int missed = 0;
   for (const Border border : {Border::closed, Border::open}) {

@@ -48,15 +48,14 @@ forbid 'core neither prints nor exits' "^core/.*$cpp" 'std::(cout|cerr|clog)\b|\
 # Where people keep their checkouts and scratch files is nobody else's business.
 forbid 'names a folder of one machine' '.' '(^|[^\w.~-])/(home|root|tmp|mnt|Users|work|workspace|scratch)/' '^LICENSE$'
 
-for file in "${files[@]}"; do
-  case $file in
-    *.h | *.cpp | *.sh | *.py | *CMakeLists.txt | run | test | .ci/run | docker/*)
-      head -n 3 "$file" | grep -q 'SPDX-License-Identifier: GPL-3.0-or-later' || breach "no SPDX line at the top: $file"
-      ;;
-  esac
-  case $file in
-    *.h) grep -q '^#pragma once$' "$file" || breach "no #pragma once: $file" ;;
-  esac
-done
+# every RULE FILES LINE: each file whose name matches FILES holds LINE.
+every() {
+  local where file
+  mapfile -t where < <(printf '%s\n' "${files[@]}" | grep -P -- "$2")
+  while read -r file; do breach "$1: $file"; done < <(grep -LP -- "$3" "${where[@]}")
+}
+every 'no SPDX line' '\.(h|cpp|sh|py)$|(^|/)CMakeLists\.txt$|^(run|test|\.ci/run)$|^docker/' \
+  '^(//|#) SPDX-License-Identifier: GPL-3\.0-or-later$'
+every 'no #pragma once' '\.h$' '^#pragma once$'
 
 [ $broken = no ]

@@ -52,11 +52,12 @@ place=/home
 seed README.md "See $place/somebody/notes." 'names a folder of one machine'
 seed tests/seeded.cpp "const char* path = \"$place/somebody/scan.nii\";" 'names a folder of one machine'
 
-# Whole-file rules: a file without the header lines.
-for name in core/bare.h server/bare.cpp; do
+# Rules about what a file must have.
+for name in core/bare.h server/bare.cpp tests/bare.sh; do
   echo 'int f();' >"$copy/$name"
   if output=$("$rules" "$copy"); then echo "A bare $name was not noticed." && exit 1; fi
-  grep -qF "no SPDX line at the top: $name" <<<"$output"
+  grep -qF "no SPDX line: $name" <<<"$output"
+  [[ $name != *.h ]] || grep -qF "no #pragma once: $name" <<<"$output"
   rm "$copy/$name"
   seeds=$((seeds + 1))
 done
