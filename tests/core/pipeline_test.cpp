@@ -29,7 +29,7 @@ struct Truth {
   double volume, area;
   std::array<std::int64_t, 3> betti;
   Border border = Border::closed;
-  double reach = 0;   ///< the least radius of curvature
+  double reach = 0;  ///< the least radius of curvature
   bool smooth = true;
 };
 
@@ -39,17 +39,47 @@ std::vector<Truth> bodies() {
   const auto ball_area = [](double r) { return 4 * kPi * r * r; };
   return {
       {"ball", phantoms::ball(kOff, 1.5), ball_volume(1.5), ball_area(1.5), {1, 0, 0}, Border::closed, 1.5, true},
-      {"torus", phantoms::torus(kOff, 1.2, 0.5), 2 * kPi * kPi * 1.2 * 0.25, 4 * kPi * kPi * 1.2 * 0.5, {1, 1, 0},
-       Border::closed, 0.5, true},
-      {"cylinder", phantoms::cylinder(kOff, 1.5), kPi * 2.25 * 4, 2 * kPi * 1.5 * 4 + 2 * kPi * 2.25, {1, 0, 0},
-       Border::open, 1.5, true},
-      {"two balls", phantoms::either(phantoms::ball(kOff + Vec3{-1, 0, 0}, 0.8), phantoms::ball(kOff + Vec3{1, 0, 0}, 0.8)),
-       2 * ball_volume(0.8), 2 * ball_area(0.8), {2, 0, 0}, Border::closed, 0.8, true},
-      {"shell", phantoms::shell(kOff, 1.6, 0.8), ball_volume(1.6) - ball_volume(0.8), ball_area(1.6) + ball_area(0.8),
-       {1, 0, 1}, Border::closed, 0.8, true},
+      {"torus",
+       phantoms::torus(kOff, 1.2, 0.5),
+       2 * kPi * kPi * 1.2 * 0.25,
+       4 * kPi * kPi * 1.2 * 0.5,
+       {1, 1, 0},
+       Border::closed,
+       0.5,
+       true},
+      {"cylinder",
+       phantoms::cylinder(kOff, 1.5),
+       kPi * 2.25 * 4,
+       2 * kPi * 1.5 * 4 + 2 * kPi * 2.25,
+       {1, 0, 0},
+       Border::open,
+       1.5,
+       true},
+      {"two balls",
+       phantoms::either(phantoms::ball(kOff + Vec3{-1, 0, 0}, 0.8), phantoms::ball(kOff + Vec3{1, 0, 0}, 0.8)),
+       2 * ball_volume(0.8),
+       2 * ball_area(0.8),
+       {2, 0, 0},
+       Border::closed,
+       0.8,
+       true},
+      {"shell",
+       phantoms::shell(kOff, 1.6, 0.8),
+       ball_volume(1.6) - ball_volume(0.8),
+       ball_area(1.6) + ball_area(0.8),
+       {1, 0, 1},
+       Border::closed,
+       0.8,
+       true},
       {"cube", phantoms::cube(kOff, 1.2), 2.4 * 2.4 * 2.4, 6 * 2.4 * 2.4, {1, 0, 0}, Border::closed, 0, false},
-      {"capped cylinder", phantoms::capped_cylinder(kOff, 1.2, 1.3), kPi * 1.44 * 2.6,
-       2 * kPi * 1.2 * 2.6 + 2 * kPi * 1.44, {1, 0, 0}, Border::closed, 0, false},
+      {"capped cylinder",
+       phantoms::capped_cylinder(kOff, 1.2, 1.3),
+       kPi * 1.44 * 2.6,
+       2 * kPi * 1.2 * 2.6 + 2 * kPi * 1.44,
+       {1, 0, 0},
+       Border::closed,
+       0,
+       false},
   };
 }
 
@@ -86,8 +116,8 @@ TEST(Convergence, OfSmoothBodiesIsOfSecondOrderWithinTheDerivedBound) {
     const double area_order = std::log2(area.front() / area.back()) / 2;
     RecordProperty(std::string(body.name) + " volume order", std::to_string(volume_order));
     RecordProperty(std::string(body.name) + " area order", std::to_string(area_order));
-    std::printf("%-16s V error %.2e %.2e %.2e order %.2f  A error %.2e %.2e %.2e order %.2f\n", body.name, volume[0], volume[1], volume[2],
-                volume_order, area[0], area[1], area[2], area_order);
+    std::printf("%-16s V error %.2e %.2e %.2e order %.2f  A error %.2e %.2e %.2e order %.2f\n", body.name, volume[0],
+                volume[1], volume[2], volume_order, area[0], area[1], area[2], area_order);
     EXPECT_GT(volume_order, 1.7) << body.name;
     EXPECT_LT(volume_order, 2.3) << body.name;
     EXPECT_GT(area_order, 1.6) << body.name;
@@ -102,7 +132,8 @@ TEST(Convergence, OfBodiesWithEdgesLosesOneOrderInArea) {
     const Errors coarse = errors(body, 17), fine = errors(body, 65);
     const double volume_order = std::log2(std::abs(coarse.volume / fine.volume)) / 2;
     const double area_order = std::log2(std::abs(coarse.area / fine.area)) / 2;
-    std::printf("%-16s V %.2e %.2e order %.2f A %.2e %.2e order %.2f\n", body.name, coarse.volume, fine.volume, volume_order, coarse.area, fine.area, area_order);
+    std::printf("%-16s V %.2e %.2e order %.2f A %.2e %.2e order %.2f\n", body.name, coarse.volume, fine.volume,
+                volume_order, coarse.area, fine.area, area_order);
     EXPECT_LT(fine.volume, 0) << body.name;
     EXPECT_LT(fine.area, 0) << body.name;
     EXPECT_GT(volume_order, 1.6) << body.name;
@@ -123,12 +154,13 @@ TEST(Topology, OfMorePhantoms) {
   const auto rule = phantoms::threshold(0);
   using Betti = std::array<std::int64_t, 3>;
   EXPECT_EQ(betti(phantoms::slab(0.1, 0.7), 21, rule), (Betti{1, 0, 0}));
-  EXPECT_EQ(betti(phantoms::either(phantoms::torus({-0.9, 0, 0}, 0.75, 0.25), phantoms::torus({0.9, 0, 0}, 0.75, 0.25)), 41,
-                  rule),
+  EXPECT_EQ(betti(phantoms::either(phantoms::torus({-0.9, 0, 0}, 0.75, 0.25), phantoms::torus({0.9, 0, 0}, 0.75, 0.25)),
+                  41, rule),
             (Betti{1, 2, 0}));
   // The complement of a ball in a closed box has a void; of a torus, a tunnel and a void.
   EXPECT_EQ(betti(phantoms::ball(kOff, 1), 21, phantoms::threshold(0, Border::closed, Side::below)), (Betti{1, 0, 1}));
-  EXPECT_EQ(betti(phantoms::torus(kOff, 1, 0.4), 31, phantoms::threshold(0, Border::closed, Side::below)), (Betti{1, 1, 1}));
+  EXPECT_EQ(betti(phantoms::torus(kOff, 1, 0.4), 31, phantoms::threshold(0, Border::closed, Side::below)),
+            (Betti{1, 1, 1}));
   // A range of the distance to a centre is a shell.
   EXPECT_EQ(betti(phantoms::ball(kOff, 1.5), 21, phantoms::range(0, 0.7)), (Betti{1, 0, 1}));
 }
@@ -136,7 +168,8 @@ TEST(Topology, OfMorePhantoms) {
 TEST(Slab, OpenIsABoxExactly) {
   // Between z = -0.5 and 0.75, through the whole grid: planes are interpolated without error.
   const Grid grid = cubic_grid(9, 4);
-  const auto built = build_model(phantoms::sample(phantoms::slab(0.125, 0.625), grid), phantoms::threshold(0, Border::open));
+  const auto built =
+      build_model(phantoms::sample(phantoms::slab(0.125, 0.625), grid), phantoms::threshold(0, Border::open));
   const auto measures = measure_tetrahedra(*built.model.solid);
   const double unit = built.model.solid->boundary.lattice.unit_mm;
   EXPECT_NEAR(measures.volume_mm3, 4 * 4 * 1.25, 4 * 4 * unit);
@@ -150,7 +183,8 @@ bool same_bytes(const SphereModel& a, const SphereModel& b) {
 }
 
 TEST(Pipeline, GivesTheSameModelOnAnyNumberOfThreads) {
-  const Volume noise = phantoms::noise({.dims = {40, 31, 22}, .spacing = {1, 1, 2.5}, .origin = {}, .direction = {}}, 9, 3);
+  const Volume noise =
+      phantoms::noise({.dims = {40, 31, 22}, .spacing = {1, 1, 2.5}, .origin = {}, .direction = {}}, 9, 3);
   for (const ObjectRule& rule : {phantoms::threshold(5), phantoms::range(2.5, 4.5, Border::open)}) {
     const auto expected = build_model(noise, rule);
     for (const unsigned threads : {1U, 2U, 4U}) {
@@ -181,7 +215,8 @@ TEST(Pipeline, MovesWithTheObject) {
     EXPECT_EQ(moved.model.solid->inside_count, expected.model.solid->inside_count);
     ASSERT_EQ(moved.model.spheres.size(), expected.model.spheres.size());
     for (std::size_t s = 0; s < moved.model.spheres.size(); ++s)
-      ASSERT_NEAR(moved.model.spheres[s].radius, expected.model.spheres[s].radius, 1e-9 * expected.model.spheres[s].radius);
+      ASSERT_NEAR(moved.model.spheres[s].radius, expected.model.spheres[s].radius,
+                  1e-9 * expected.model.spheres[s].radius);
   }
 }
 
@@ -239,7 +274,8 @@ TEST(Pipeline, StatesItsStagesAndWarnings) {
               1U);
 }
 
-ErrorCode refusal(const Volume& volume, const ObjectRule& rule, const ModelLimits& limits = {}, const Context& context = {}) {
+ErrorCode refusal(const Volume& volume, const ObjectRule& rule, const ModelLimits& limits = {},
+                  const Context& context = {}) {
   try {
     build_model(volume, rule, limits, context);
   } catch (const Error& error) {
@@ -305,8 +341,12 @@ TEST(RealScans, HaveTheDocumentedVoxelsAndASoundModel) {
     EXPECT_EQ(samples.inside.count(), scan.voxels) << scan.files[0];
     const auto built = build_model(volume, scan.rule);
     const ModelChecks checks = check_model(built.model, samples.inside, scan.rule.border);
-    std::printf("%s points %zu cells %zu inside %zu | %lu %lu %lu %lu V %.4g voxels %.4g\n", scan.files[0], built.model.solid->boundary.points.size(), built.model.solid->cells.size(), built.model.solid->inside_count,
-      checks.criteria.inside_samples_not_covered, checks.criteria.outside_samples_covered, checks.criteria.boundary_points_inside_balls, checks.criteria.boundary_points_on_no_ball, checks.bounds.tetrahedra_volume_mm3, measure_voxels(volume.grid, samples.inside).volume_mm3);
+    std::printf("%s points %zu cells %zu inside %zu | %lu %lu %lu %lu V %.4g voxels %.4g\n", scan.files[0],
+                built.model.solid->boundary.points.size(), built.model.solid->cells.size(),
+                built.model.solid->inside_count, checks.criteria.inside_samples_not_covered,
+                checks.criteria.outside_samples_covered, checks.criteria.boundary_points_inside_balls,
+                checks.criteria.boundary_points_on_no_ball, checks.bounds.tetrahedra_volume_mm3,
+                measure_voxels(volume.grid, samples.inside).volume_mm3);
     EXPECT_EQ(checks.criteria.violations(), 0U) << scan.files[0];
     EXPECT_LE(checks.bounds.density_mm, checks.bounds.density_bound_mm) << scan.files[0];
   }

@@ -207,15 +207,17 @@ TEST_F(Jobs, AQueuedJobIsCancelledAtOnce) {
 }
 
 TEST_F(Jobs, ARequestAfterCancellingStartsAnew) {
-  Gate gate;
-  std::latch stubborn(1);
+  std::latch entered(1), stubborn(1);
   std::atomic<bool> first{true};
   JobPool pool({.jobs_at_once = 2}, catalog, blobs, [&](const JobRecord& job, JobContext&) {
-    if (first.exchange(false)) stubborn.wait();  // does not look at the stop token
+    if (first.exchange(false)) {
+      entered.count_down();
+      stubborn.wait();  // does not look at the stop token
+    }
     return result_of(job);
   });
   const std::string id = pool.submit("model", "a", "").record.id;
-  await_state(pool, id, JobState::running);
+  entered.wait();
   EXPECT_EQ(pool.cancel(id).record.state, JobState::cancelling);
   EXPECT_EQ(pool.cancel(id).record.state, JobState::cancelling);
   const std::string again = pool.submit("model", "a", "").record.id;
