@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// NRRD headers, attached or naming a data file, and what they say of geometry and samples.
+#include "tests/fuzz/volume_input.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace spherule;
+  static const fuzz::Folder folder;
+  const auto files = folder.with(data, size);
+  ReadOptions options = fuzz::options();
+  fuzz::check_read(files, options);
+  options.frame = 1;
+  fuzz::check_read(files, options);
+  return 0;
+}
