@@ -170,7 +170,8 @@ TEST(Delaunay, AFullGridFillsItsBox) {
 TEST(Delaunay, IsWhatBruteForceFinds) {
   for (std::uint64_t seed = 0; seed < 60; ++seed) {
     const auto n = 4 + seed % 10;
-    for (const auto& [extent, step] : {std::pair{3, 1}, std::pair{3, kLast / 2}, std::pair{5, 64}, std::pair{kLast, 1}}) {
+    for (const auto& [extent, step] :
+         {std::pair{3, 1}, std::pair{3, kLast / 2}, std::pair{5, 64}, std::pair{kLast, 1}}) {
       const Points points = random_points(n, extent, seed, step);
       ASSERT_EQ(cell_set(points, tetrahedralize(points)), brute_force(points)) << seed << " extent " << extent;
     }
@@ -196,9 +197,8 @@ TEST(Delaunay, IsAFunctionOfTheSetOfPoints) {
 TEST(Delaunay, IsCgalsOwnTriangulation) {
   using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
   using Vertex = CGAL::Triangulation_vertex_base_with_info_3<std::uint32_t, Kernel>;
-  using Reference =
-      CGAL::Delaunay_triangulation_3<Kernel, CGAL::Triangulation_data_structure_3<
-                                                 Vertex, CGAL::Delaunay_triangulation_cell_base_3<Kernel>>>;
+  using Reference = CGAL::Delaunay_triangulation_3<
+      Kernel, CGAL::Triangulation_data_structure_3<Vertex, CGAL::Delaunay_triangulation_cell_base_3<Kernel>>>;
   const std::map<std::string, Points> sets{{"grid", grid_points(7, 3)},
                                            {"part of a grid", random_points(600, 10, 1, 1024)},
                                            {"jittered", random_points(4000, kLast, 2)},
@@ -214,7 +214,8 @@ TEST(Delaunay, IsCgalsOwnTriangulation) {
     const Reference reference(input.begin(), input.end());
     Tetrahedralization expected;
     for (const auto cell : reference.finite_cell_handles()) {
-      expected.push_back({cell->vertex(0)->info(), cell->vertex(1)->info(), cell->vertex(2)->info(), cell->vertex(3)->info()});
+      expected.push_back(
+          {cell->vertex(0)->info(), cell->vertex(1)->info(), cell->vertex(2)->info(), cell->vertex(3)->info()});
     }
     const auto cells = tetrahedralize(points);
     EXPECT_EQ(cell_set(points, cells), cell_set(points, expected)) << label;

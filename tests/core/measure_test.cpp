@@ -112,8 +112,8 @@ SphereModel box_model(std::array<std::int32_t, 3> size, Vec3 spacing) {
 // Points half a voxel beyond the samples of a box: the hull is the box of the samples (edges a, b, c voxels) plus an
 // octahedron of radius 1/2, of which faces, chamfered edges and corners follow.
 TEST(Tetrahedra, OfABoxOfVoxelsHaveItsClosedForm) {
-  for (const auto& size : {std::array{1, 1, 1}, std::array{2, 1, 1}, std::array{2, 3, 4}, std::array{5, 5, 5},
-                           std::array{9, 2, 6}}) {
+  for (const auto& size :
+       {std::array{1, 1, 1}, std::array{2, 1, 1}, std::array{2, 3, 4}, std::array{5, 5, 5}, std::array{9, 2, 6}}) {
     const double a = size[0] - 1, b = size[1] - 1, c = size[2] - 1;
     const double h = 0.75;
     const auto model = box_model(size, {h, h, h});
@@ -178,7 +178,8 @@ TEST(Tetrahedra, OfNothingMeasureNothing) {
 }
 
 TEST(Voxels, AreCountedAndWeighed) {
-  const Volume volume = phantoms::noise({.dims = {70, 3, 2}, .spacing = {0.5, 2, 3}, .origin = {}, .direction = {}}, 2, 1);
+  const Volume volume =
+      phantoms::noise({.dims = {70, 3, 2}, .spacing = {0.5, 2, 3}, .origin = {}, .direction = {}}, 2, 1);
   const auto samples = classify_samples(volume, phantoms::threshold(1));
   const auto measures = measure_voxels(volume.grid, samples.inside);
   EXPECT_EQ(measures.count, samples.inside.count());

@@ -70,9 +70,7 @@ std::int32_t below(phantoms::Random& random, std::int64_t n) {
   return static_cast<std::int32_t>(random.below(static_cast<std::uint64_t>(n)));
 }
 LatticePoint anywhere(phantoms::Random& r) { return {below(r, kLast + 1), below(r, kLast + 1), below(r, kLast + 1)}; }
-LatticePoint corner(phantoms::Random& r) {
-  return {kLast * below(r, 2), kLast * below(r, 2), kLast * below(r, 2)};
-}
+LatticePoint corner(phantoms::Random& r) { return {kLast * below(r, 2), kLast * below(r, 2), kLast * below(r, 2)}; }
 LatticePoint near_corner(phantoms::Random& r) {
   const auto c = [&] { return std::abs(kLast * below(r, 2) - below(r, 3)); };
   return {c(), c(), c()};
@@ -85,7 +83,8 @@ LatticePoint at_the_switch(phantoms::Random& r) {
   const auto c = [&] { return (1 << 20) * below(r, 2) + below(r, 3); };
   return {c(), c(), c()};
 }
-// Whole points on one sphere of squared radius 3 · 5^2 · 7^2 · 2^10 …: permutations and signs of (3, 4, 12) around 2^23.
+// Whole points on one sphere of squared radius 3 · 5^2 · 7^2 · 2^10 …: permutations and signs of (3, 4, 12) around
+// 2^23.
 LatticePoint on_a_sphere(phantoms::Random& r) {
   std::array<std::int32_t, 3> v{3 << 18, 4 << 18, 12 << 18};
   r.shuffle(v);

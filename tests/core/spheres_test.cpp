@@ -51,7 +51,9 @@ TEST(Circumsphere, OfARightCornerHasTheHypotenusesInItsMiddle) {
 
 TEST(Circumsphere, IsWithinItsErrorBoundForEveryShape) {
   phantoms::Random random(21);
-  const auto below = [&](std::int64_t n) { return static_cast<std::int32_t>(random.below(static_cast<std::uint64_t>(n))); };
+  const auto below = [&](std::int64_t n) {
+    return static_cast<std::int32_t>(random.below(static_cast<std::uint64_t>(n)));
+  };
   int slivers = 0;
   for (int n = 0; n < 3000; ++n) {
     std::array<LatticePoint, 4> t;
@@ -108,8 +110,8 @@ double interpolate(const Volume& volume, const std::array<std::int32_t, 3>& s, V
   const auto mix = [](double a, double b, double w) { return a + (b - a) * w; };
   std::array<double, 4> along_x;
   for (std::int32_t c = 0; c < 4; ++c)
-    along_x[static_cast<std::size_t>(c)] = mix(value(volume, s[0], s[1] + c % 2, s[2] + c / 2),
-                                               value(volume, s[0] + 1, s[1] + c % 2, s[2] + c / 2), t.x);
+    along_x[static_cast<std::size_t>(c)] =
+        mix(value(volume, s[0], s[1] + c % 2, s[2] + c / 2), value(volume, s[0] + 1, s[1] + c % 2, s[2] + c / 2), t.x);
   return mix(mix(along_x[0], along_x[1], t.y), mix(along_x[2], along_x[3], t.y), t.z);
 }
 
@@ -186,8 +188,9 @@ TEST(Classification, IsWhatEverySampleInTheBallSays) {
       for (const Side side : {Side::above, Side::below}) {
         const Grid grid{.dims = {5, 6, 4}, .spacing = spacing, .origin = {}, .direction = {}};
         const Volume volume = phantoms::noise(grid, 9, ++seed);
-        for (const ObjectRule& rule : {phantoms::threshold(4, border, side), phantoms::threshold(2.3, border, side),
-                                       phantoms::range(2.5, 5.5, border, side), phantoms::labels({1, 2, 7}, border, side)}) {
+        for (const ObjectRule& rule :
+             {phantoms::threshold(4, border, side), phantoms::threshold(2.3, border, side),
+              phantoms::range(2.5, 5.5, border, side), phantoms::labels({1, 2, 7}, border, side)}) {
           const auto d = expect_as_defined(build(volume, rule));
           for (std::size_t i = 0; i < 2; ++i) decided[i] += d[i];
         }
