@@ -166,6 +166,11 @@ bool touches_border(const SampleBits& inside) {
   return false;
 }
 
+[[maybe_unused]] bool all_different(std::vector<LatticePoint> points) {
+  std::ranges::sort(points);
+  return std::ranges::adjacent_find(points) == points.end();
+}
+
 }  // namespace
 
 BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
@@ -217,6 +222,7 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
     SPHERULE_DCHECK(out == boundary.points.begin() + static_cast<std::ptrdiff_t>(start[piece + 1]));
   });
 
+  SPHERULE_AUDIT(all_different(boundary.points));
   return boundary;
 }
 

@@ -330,13 +330,22 @@ struct Facet {
   std::uint8_t opposite;
 };
 
+// Beyond this many points an audit would dominate the tests of debug builds.
+[[maybe_unused]] constexpr std::size_t kLargestAudit = 20'000;
+
+[[maybe_unused]] bool is_delaunay(std::span<const LatticePoint> points, std::span<const Tetrahedron> cells) {
+  return count_not_delaunay(points, cells, neighbours(cells, points.size())) == 0;
+}
+
 }  // namespace
 
 Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Context& context) {
   SPHERULE_CHECK(points.size() < no_cell);
   // The triangulation is freed before its cells are sorted: the peak is the triangulation plus one list of cells.
   const Tetrahedralization cells = finite_cells(points, context);
-  return sorted(cells, points.size(), context);
+  Tetrahedralization result = sorted(cells, points.size(), context);
+  SPHERULE_AUDIT(points.size() > kLargestAudit || is_delaunay(points, result));
+  return result;
 }
 
 std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,

@@ -100,10 +100,15 @@ class SampledObject {
       if (depth < -error) continue;
       if (depth > error || exact::in_sphere(a, b, c, d, sample) > 0) return inside_.test_or_outside(s[0], s[1], s[2]);
     }
-    return interpolated_inside(centre);
+    return interpolated_inside({snapped(centre.x), snapped(centre.y), snapped(centre.z)});
   }
 
  private:
+  // Cells that share a sphere must be decided alike, but their centres differ in the last bits, and on a grid the value
+  // there often equals the iso-value exactly. Whole 2^-6 units are far apart beside kCentreError and hold the halves
+  // and quarters at which spheres of a grid are centred.
+  static double snapped(double coordinate) { return std::round(coordinate * 0x1p6) * 0x1p-6; }
+
   // The sample planes nearest to a coordinate: twice the same one unless the coordinate is `ambiguous` close to the
   // middle.
   std::array<std::int32_t, 2> nearest_planes(int axis, double coordinate, double ambiguous) const {
