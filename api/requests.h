@@ -16,6 +16,9 @@
 
 namespace spherule::api {
 
+/// Whether text is well-formed UTF-8 (RFC 3629).
+bool is_utf8(std::string_view text);
+
 /// The query parameters of a request, of which only `known` may occur, each once and in UTF-8. The functions throw
 /// invalid_argument with the parameter's name as pointer.
 class Query {

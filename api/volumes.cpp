@@ -29,6 +29,7 @@ Response post_volume(const Call& call) {
           if (name != "file") {
             throw Error(ErrorCode::invalid_argument, "Name every part of the form \"file\".");
           }
+          if (!is_utf8(filename)) throw Error(ErrorCode::invalid_argument, "Name the files in UTF-8.");
           upload->begin_file(filename);
         },
         take);

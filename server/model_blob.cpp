@@ -156,7 +156,8 @@ SphereModel read_model(const Blob& blob, const Context& context) {
     require(kind == kPlain);
     model.spheres = in.get_vector<Sphere>(in.get<std::uint64_t>());
     require(std::ranges::all_of(model.spheres, [](const Sphere& s) {
-      return std::isfinite(squared_norm(s.centre)) && s.radius >= 0 && std::isfinite(s.radius);
+      return std::isfinite(s.centre.x) && std::isfinite(s.centre.y) && std::isfinite(s.centre.z) && s.radius >= 0 &&
+             std::isfinite(s.radius);
     }));
   }
   require(in.left() == 0);

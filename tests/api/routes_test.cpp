@@ -182,6 +182,8 @@ TEST_F(Routes, TakeUploadsOfSeveralFiles) {
       ask_with("POST", "/v1/volumes", {{"content-type", "Multipart/Form-Data; boundary=x"}}, &body);
   EXPECT_EQ(response.status, 200);
   EXPECT_EQ(service.files, (std::vector<std::pair<std::string, std::string>>{{"a.mhd", "header"}, {"a.raw", "data"}}));
+  StubBody latin({{"file", "B\xe4r.mhd", "header"}});
+  EXPECT_EQ(ask_with("POST", "/v1/volumes", {{"Content-Type", "multipart/form-data; boundary=x"}}, &latin).status, 400);
   StubBody wrong({{"scan", "a.mhd", "header"}});
   EXPECT_EQ(ask_with("POST", "/v1/volumes", {{"Content-Type", "multipart/form-data; boundary=x"}}, &wrong).status, 400);
 }
