@@ -50,9 +50,10 @@ Box box_of_cap(const Sphere& ball, Vec3 normal, double offset) {
 
 std::vector<Patch> patches_of_solid(const SphereModel& model, const Context& context) {
   const Solid& solid = *model.solid;
+  Context quiet = context;  // the picture's progress is reported by whoever draws it
+  quiet.progress = nullptr;
   // Among the inside cells alone: what is missing across a facet is outside or nothing.
-  const auto across =
-      neighbours(std::span(solid.cells).first(solid.inside_count), solid.boundary.points.size(), context);
+  const auto across = neighbours(std::span(solid.cells).first(solid.inside_count), solid.boundary.points.size(), quiet);
   constexpr std::size_t kGrain = 1 << 15;
   std::vector<std::vector<Patch>> pieces((solid.inside_count + kGrain - 1) / kGrain);
   parallel_for(context, {}, solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
@@ -81,6 +82,8 @@ struct Cell {
 
 constexpr std::size_t kFewBalls = 24;
 constexpr int kMaxLevel = 11;
+// More patches than this cost more memory than they save time: about 150 bytes each, with the tracer's.
+constexpr std::size_t kMostPatches = 16'000'000;
 
 Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
 
@@ -158,9 +161,10 @@ void join_from(std::size_t first, std::vector<Patch>& patches) {
   patches.erase(out, patches.end());
 }
 
-void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::vector<Patch>& patches,
+// `most` is this cell's share of kMostPatches; once it is used up, what is left is not divided further.
+void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::size_t most, std::vector<Patch>& patches,
             const Context& context) {
-  if (cell.balls.size() <= kFewBalls || level >= kMaxLevel) {
+  if (cell.balls.size() <= kFewBalls || level >= kMaxLevel || patches.size() >= most) {
     for (const std::uint32_t i : cell.balls) {
       const Sphere& s = spheres[i];
       Box box;
@@ -172,9 +176,9 @@ void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::v
     }
     return;
   }
-  if (level < kMaxLevel / 2) context.throw_if_cancelled();
+  context.throw_if_cancelled();
   const std::size_t first = patches.size();
-  for (const Cell& child : split(spheres, cell)) refine(spheres, child, level + 1, patches, context);
+  for (const Cell& child : split(spheres, cell)) refine(spheres, child, level + 1, most, patches, context);
   join_from(first, patches);
 }
 
@@ -206,9 +210,13 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
         if (!child.balls.empty()) cells.push_back(std::move(child));
     ++level;
   }
+  std::size_t total = 0;
+  for (const Cell& cell : cells) total += cell.balls.size();
   std::vector<std::vector<Patch>> pieces(cells.size());
-  parallel_for(context, {}, cells.size(), 1,
-               [&](std::size_t i, std::size_t) { refine(spheres, cells[i], level, pieces[i], context); });
+  parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
+    const double share = static_cast<double>(cells[i].balls.size()) / static_cast<double>(total);
+    refine(spheres, cells[i], level, static_cast<std::size_t>(share * kMostPatches), pieces[i], context);
+  });
   return joined(pieces);
 }
 

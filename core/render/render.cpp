@@ -204,13 +204,15 @@ Image render_spheres(const SphereModel& model, const RenderOptions& options, con
                [&](std::size_t tile, std::size_t) {
                  const int left = static_cast<int>(tile) % across * kTile;
                  const int top = static_cast<int>(tile) / across * kTile;
-                 for (int y = top; y < std::min(top + kTile, options.height); ++y)
+                 for (int y = top; y < std::min(top + kTile, options.height); ++y) {
+                   context.throw_if_cancelled();
                    for (int x = left; x < std::min(left + kTile, options.width); ++x) {
                      const auto [colour, coverage] = scene.pixel(x, y, options);
                      put_pixel(&image.rgba[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(options.width) +
                                                 static_cast<std::size_t>(x))],
                                colour, coverage, options.background);
                    }
+                 }
                });
   return image;
 }
