@@ -1,52 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Exact measures of unions of balls, by their power diagram: every ball's part of the union is the ball within its own
-// power cell, and these parts do not overlap. power_topology.cpp hides CGAL; everything else is here.
+// The power diagram's dual complex of any balls, by CGAL, and what only exact predicates can tell from it.
 //
-// Sources: F. Aurenhammer, Power diagrams (1987); H. Edelsbrunner, The union of balls and its dual shape (1995);
-// F. Cazals, H. Kanhere, S. Loriot, Computing the volume of a union of balls (2011).
+// Source: H. Edelsbrunner, The union of balls and its dual shape (1995).
 #pragma once
 
 #include <span>
-#include <vector>
 
 #include "core/base/context.h"
 #include "core/base/geometry.h"
-#include "core/mass.h"
 #include "core/measure.h"
-#include "core/spheres.h"
 
 namespace spherule {
-
-/// One ball's part of a union. Volumes and areas of all parts add to those of the union.
-struct BallPart {
-  double volume_mm3 = 0;  ///< of the ball within its power cell
-  double area_mm2 = 0;    ///< of its sphere on the union's surface: the derivative of the union's volume by its radius
-  Vec3 push_mm2;          ///< integral of the outer normal over that area: the derivative by its centre
-};
-
-struct UnionMeasures {
-  Moments moments;  ///< of the union, about the frame's origin
-  double area_mm2 = 0;
-  std::vector<BallPart> parts;  ///< one a ball, in order
-};
-
-/// The union of any balls: hidden, identical (the first one counts), concentric, tangent and those of radius 0 are
-/// ordinary. Each ball's cell is cut out of a cube by the planes of equal power with the balls that overlap it; volume,
-/// area and moments then follow from its faces in closed form (divergence theorem, Gauss-Bonnet).
-/// Relative error about 1e-14 a ball. Expected O(n · balls that overlap one); do not pass raw Delaunay sets, where
-/// hundreds overlap each. Memory about 250 bytes a ball. Reports stage "union". Precondition: centres and radii finite,
-/// radii >= 0.
-UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context = {});
-
-/// The union of a raw model's balls. The power diagram of all circumspheres is the tetrahedralization itself, so the
-/// union is the inside tetrahedra and, beyond each of their boundary facets, a part of one ball: only these caps are
-/// computed. A part is its cell's tetrahedron plus its caps. Expected O(cells). Precondition: model.solid.
-/// Reports stage "union".
-UnionMeasures measure_raw_union(const SphereModel& model, const Context& context = {});
-
-/// measure_raw_union for a model with a solid, measure_union for any other.
-UnionMeasures measure_union(const SphereModel& model, const Context& context = {});
 
 /// Pieces, tunnels and voids of a union of closed balls (those that touch are joined), from its dual complex, the
 /// weighted alpha complex at 0, with exact predicates. Radii of 0 count as points. O(n log n) expected, about 400 bytes
