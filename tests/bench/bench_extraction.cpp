@@ -36,6 +36,8 @@ Peer flying_edges(const Volume& volume, double threshold, const std::string& scr
   Peer peer;
   if (FILE* pipe = ::popen(command, "r")) {
     if (std::fscanf(pipe, "points=%llu triangles=%*u seconds=%lf", &peer.points, &peer.seconds) != 2) peer = {};
+    while (std::fgetc(pipe) != EOF) {
+    }
     ::pclose(pipe);
   }
   std::filesystem::remove(dump);
@@ -47,7 +49,7 @@ Peer flying_edges(const Volume& volume, double threshold, const std::string& scr
 int main(int argc, char** argv) {
   const int runs = argc > 1 ? std::atoi(argv[1]) : 9;
   const std::filesystem::path folder = SPHERULE_SHARED_DATA;
-  const std::string script = (std::filesystem::path(__FILE__).parent_path() / "flying_edges.py").string();
+  const std::string script = SPHERULE_BENCH_SOURCES "/flying_edges.py";
   for (bench::Scan scan : bench::scans()) {
     // One iso-value of upward values is what the peer can do.
     if (scan.rule.kind != ObjectRule::Kind::threshold || scan.rule.side == Side::below ||

@@ -1,0 +1,413 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/ball_cell.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace spherule {
+
+namespace {
+
+constexpr std::uint32_t kNone = 0xffffffffU;
+constexpr double kTwoPi = 2 * std::numbers::pi;
+
+void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
+  for (int i = 0; i < 3; ++i)
+    sum.rows[static_cast<std::size_t>(i)] = sum.rows[static_cast<std::size_t>(i)] + weight * a[i] * b;
+}
+
+// Where the line through two corners meets the sphere. The two faces at an edge must see the same points, so callers
+// pass its corners in the order of their numbers.
+struct Chord {
+  Vec3 first, second;
+  bool crosses = false;  // of an edge with both corners outside
+};
+
+// The corners are on different sides: the one point where the edge passes through the sphere.
+Vec3 passage(Vec3 inside, Vec3 outside, double radius_squared) {
+  const Vec3 d = outside - inside;
+  const double a = squared_norm(d), b = dot(inside, d), c = radius_squared - squared_norm(inside);
+  const double root = std::sqrt(b * b + a * c);
+  // Of the two forms of the root, the one without cancellation.
+  const double t = b > 0 ? c / (b + root) : (root - b) / a;
+  return inside + std::clamp(t, 0.0, 1.0) * d;
+}
+
+// Both corners are outside: two points, or none.
+Chord chord(Vec3 from, Vec3 to, double radius_squared) {
+  const Vec3 d = to - from;
+  const double a = squared_norm(d), b = dot(from, d);
+  if (!(b < 0) || !(-b < a)) return {};
+  const double depth = radius_squared - squared_norm(cross(from, d)) / a;
+  if (!(depth > 0)) return {};
+  const double middle = -b / a, half = std::sqrt(depth / a);
+  return {.first = from + std::max(middle - half, 0.0) * d,
+          .second = from + std::min(middle + half, 1.0) * d,
+          .crosses = true};
+}
+
+// The integrals of 1, x and x·xᵀ over a part of a plane about a point of it, summed along the part's outline.
+struct PlaneMoments {
+  double area = 0;
+  Vec3 first;
+  Mat3 second{{Vec3{}, Vec3{}, Vec3{}}};
+};
+
+// The triangle of the origin and one straight piece of the outline.
+void add_segment(PlaneMoments& m, Vec3 normal, Vec3 p, Vec3 q) {
+  const double area = dot(normal, cross(p, q)) / 2;
+  m.area += area;
+  m.first = m.first + (area / 3) * (p + q);
+  add_outer(m.second, area / 12, p, p);
+  add_outer(m.second, area / 12, q, q);
+  add_outer(m.second, area / 12, p + q, p + q);
+}
+
+// The sector of an arc about the origin from p to q. With u the unit vector to a point of the arc and v = normal × u,
+// u·uᵀ is half the plane's identity less the derivative of (u·vᵀ + v·uᵀ) / 4.
+void add_arc(PlaneMoments& m, Vec3 normal, double disk_squared, Vec3 p, Vec3 q, double angle) {
+  m.area += disk_squared * angle / 2;
+  m.first = m.first + (disk_squared / 3) * cross(q - p, normal);
+  const double w = disk_squared / 4;
+  const auto add_ends = [&](double weight, Vec3 u) {
+    const Vec3 v = cross(normal, u);
+    add_outer(m.second, weight, u, v);
+    add_outer(m.second, weight, v, u);
+  };
+  add_ends(-w / 4, q);
+  add_ends(w / 4, p);
+  const double isotropic = w * disk_squared * angle / 2;
+  for (int i = 0; i < 3; ++i) m.second.rows[static_cast<std::size_t>(i)][i] += isotropic;
+  add_outer(m.second, -isotropic, normal, normal);
+}
+
+// Outline of a convex polygon within a disk about the origin, put together from straight pieces and arcs.
+class Outline {
+ public:
+  Outline(Vec3 normal, double disk_squared) : normal_(normal), disk_squared_(disk_squared) {}
+
+  void segment(Vec3 p, Vec3 q) {
+    add_segment(moments_, normal_, p, q);
+    straight_ += std::atan2(dot(normal_, cross(p, q)), dot(p, q));
+    ++segments_;
+  }
+  void enter(Vec3 p) {
+    if (left_) {
+      arc(exit_, p);
+      left_ = false;
+    } else {
+      first_entry_ = p;
+    }
+  }
+  void leave(Vec3 p) {
+    exit_ = p;
+    left_ = true;
+  }
+  void close() {
+    if (left_) arc(exit_, first_entry_);
+  }
+  // Whether an arc ended where it began, so that it is nothing or the whole circle. Seen from the origin the whole
+  // outline turns once if it holds it, else not at all; where the circle is whole, what there is is nearly nothing.
+  bool may_lack_circle() const { return doubtful_ && straight_ + arcs_ < std::numbers::pi; }
+  void whole_circle() { arc({}, {}, kTwoPi); }
+
+  const PlaneMoments& moments() const { return moments_; }
+  double arcs() const { return arcs_; }  // their angles together
+  std::uint32_t segments() const { return segments_; }
+
+ private:
+  void arc(Vec3 p, Vec3 q) {
+    double angle = std::atan2(dot(normal_, cross(p, q)), dot(p, q));
+    if (std::abs(angle) < 0x1p-20) {
+      doubtful_ = true;
+    } else if (angle < 0) {
+      angle += kTwoPi;
+    }
+    arc(p, q, angle);
+  }
+  void arc(Vec3 p, Vec3 q, double angle) {
+    add_arc(moments_, normal_, disk_squared_, p, q, angle);
+    arcs_ += angle;
+  }
+
+  Vec3 normal_;
+  double disk_squared_;
+  PlaneMoments moments_;
+  double arcs_ = 0, straight_ = 0;
+  Vec3 first_entry_, exit_;
+  bool left_ = false, doubtful_ = false;
+  std::uint32_t segments_ = 0;
+};
+
+}  // namespace
+
+void BallCell::reset(const Box& ball_box) {
+  const Vec3 size = ball_box.max - ball_box.min;
+  const double margin = 0x1p-6 * std::max({size.x, size.y, size.z});
+  const Vec3 m{margin, margin, margin};
+  const std::array<Vec3, 2> ends{ball_box.min - m, ball_box.max + m};
+  corners_.clear();
+  faces_.clear();
+  reach_ = 0;
+  for (std::size_t c = 0; c < 8; ++c) {
+    corners_.push_back({ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z});
+    reach_ = std::max(reach_, norm(corners_.back()));
+  }
+  tolerance_ = 0x1p-42 * reach_;
+  loops_ = {0, 4, 6, 2, 1, 3, 7, 5, 0, 1, 5, 4, 2, 6, 7, 3, 0, 2, 3, 1, 4, 5, 7, 6};
+  for (std::uint32_t f = 0; f < 6; ++f) {
+    const int axis = static_cast<int>(f / 2);
+    Face face{.normal = {}, .offset = f % 2 ? ends[1][axis] : -ends[0][axis], .begin = 4 * f, .end = 4 * f + 4};
+    face.normal[axis] = f % 2 ? 1 : -1;
+    faces_.push_back(face);
+  }
+}
+
+bool BallCell::cut(Vec3 normal, double offset) {
+  heights_.resize(corners_.size());
+  double highest = -std::numeric_limits<double>::infinity(), lowest = -highest;
+  for (std::size_t v = 0; v < corners_.size(); ++v) {
+    heights_[v] = dot(normal, corners_[v]) - offset;
+    highest = std::max(highest, heights_[v]);
+    lowest = std::min(lowest, heights_[v]);
+  }
+  // Corners at a plane's height but for rounding can be above and below it by turns around a face, and then no plane
+  // of that height cuts the polyhedron: a slightly higher one does.
+  for (double limit = tolerance_; highest > limit; limit *= 8) {
+    if (lowest > limit) {
+      corners_.clear();
+      faces_.clear();
+      loops_.clear();
+      reach_ = 0;
+      return false;
+    }
+    if (cut_above(normal, offset, limit)) break;
+  }
+  return true;
+}
+
+std::uint32_t BallCell::cut_edge(std::uint32_t kept, std::uint32_t removed) {
+  for (std::uint32_t c = 0; c < cuts_.size(); ++c)
+    if (cuts_[c].kept == kept && cuts_[c].removed == removed) return c;
+  const double low = heights_[kept], high = heights_[removed];
+  const double t = std::clamp(low / (low - high), 0.0, 1.0);
+  next_corners_.push_back(corners_[kept] + t * (corners_[removed] - corners_[kept]));
+  cuts_.push_back({kept, removed, kNone});
+  return static_cast<std::uint32_t>(cuts_.size() - 1);
+}
+
+bool BallCell::cut_above(Vec3 normal, double offset, double limit) {
+  next_corners_.clear();
+  next_faces_.clear();
+  next_loops_.clear();
+  cuts_.clear();
+  renumbered_.resize(corners_.size());
+  for (std::size_t v = 0; v < corners_.size(); ++v) {
+    renumbered_[v] = heights_[v] <= limit ? static_cast<std::uint32_t>(next_corners_.size()) : kNone;
+    if (renumbered_[v] != kNone) next_corners_.push_back(corners_[v]);
+  }
+  const auto kept_count = static_cast<std::uint32_t>(next_corners_.size());
+  for (const Face& face : faces_) {
+    const auto begin = static_cast<std::uint32_t>(next_loops_.size());
+    std::uint32_t exit = kNone, entry = kNone, previous = loops_[face.end - 1];
+    for (std::uint32_t k = face.begin; k < face.end; ++k) {
+      const std::uint32_t corner = loops_[k];
+      const bool was = renumbered_[previous] != kNone, is = renumbered_[corner] != kNone;
+      if (was && !is) {
+        if (exit != kNone) return false;
+        exit = cut_edge(previous, corner);
+        next_loops_.push_back(kept_count + exit);
+      } else if (!was && is) {
+        if (entry != kNone) return false;
+        entry = cut_edge(corner, previous);
+        next_loops_.push_back(kept_count + entry);
+      }
+      if (is) next_loops_.push_back(renumbered_[corner]);
+      previous = corner;
+    }
+    if (entry != kNone) cuts_[entry].next = exit;
+    const auto end = static_cast<std::uint32_t>(next_loops_.size());
+    if (end > begin) next_faces_.push_back({face.normal, face.offset, begin, end});
+  }
+  const auto begin = static_cast<std::uint32_t>(next_loops_.size());
+  std::uint32_t c = 0;
+  do {
+    next_loops_.push_back(kept_count + c);
+    c = cuts_[c].next;
+  } while (c != 0 && c != kNone && next_loops_.size() - begin < cuts_.size());
+  if (c != 0 || next_loops_.size() - begin != cuts_.size()) return false;
+  next_faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(next_loops_.size())});
+
+  corners_.swap(next_corners_);
+  faces_.swap(next_faces_);
+  loops_.swap(next_loops_);
+  double farthest = 0;
+  for (const Vec3& v : corners_) farthest = std::max(farthest, squared_norm(v));
+  reach_ = std::sqrt(farthest);
+  return true;
+}
+
+bool BallCell::surrounds(const Face& face, Vec3 foot, double disk_squared) const {
+  double widest = 0;
+  bool around = true;
+  Vec3 p = corners_[loops_[face.end - 1]];
+  for (std::uint32_t k = face.begin; k < face.end; ++k) {
+    const Vec3 q = corners_[loops_[k]], edge = q - p;
+    widest = std::max(widest, squared_norm(q - corners_[loops_[face.begin]]));
+    const double side = dot(face.normal, cross(p - foot, edge));
+    around = around && (side >= 0 && side * side >= disk_squared / 4 * squared_norm(edge));
+    p = q;
+  }
+  return around && widest > disk_squared;
+}
+
+BallPiece BallCell::measure(double ball_radius) const {
+  if (empty()) return {};
+  in_ball_.resize(corners_.size());
+  // Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
+  // it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
+  // much is taken off by its derivatives, up to the square of 2^-30.
+  const bool corner_on_sphere = std::ranges::any_of(corners_, [&](const Vec3& v) {
+    return std::abs(squared_norm(v) - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
+  });
+  const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
+  const double radius = ball_radius + growth, radius_squared = radius * radius;
+  std::int64_t corners_in = 0, segments = 0, flat_parts = 0;
+  for (std::size_t v = 0; v < corners_.size(); ++v) {
+    in_ball_[v] = squared_norm(corners_[v]) < radius_squared;
+    corners_in += in_ball_[v];
+  }
+  crossed_.clear();
+  newest_.assign(corners_.size(), kNone);
+
+  double turning = 0;  // of the spherical part's outline, at its corners; each is the crossing of an edge
+  const auto crossed_by = [&](std::uint32_t low, std::uint32_t high) {
+    std::uint32_t e = newest_[low];
+    while (e != kNone && crossed_[e].high != high) e = crossed_[e].older;
+    return e;
+  };
+  // The outline comes along the arc of one face and goes on along that of another: where the other's polygon enters the
+  // ball. It turns by the angle between the planes' normals within the sphere's tangent plane. The angle has a sign: on
+  // the spheres of grids many planes meet in one point, rounding decides the order in which the outline passes them,
+  // and then only signed angles add up to the right one. None turns back, so those near -π are near π.
+  const auto turn = [&](Vec3 where, const Face& from, const Face& to) {
+    const double angle = std::atan2(dot(where, cross(from.normal, to.normal)) / radius,
+                                    dot(from.normal, to.normal) - from.offset * to.offset / radius_squared);
+    turning += angle < -3 ? angle + kTwoPi : angle;
+  };
+  const auto remember = [&](std::uint32_t low, std::uint32_t high, std::uint32_t face) {
+    crossed_.push_back({low, high, face, newest_[low]});
+    newest_[low] = static_cast<std::uint32_t>(crossed_.size() - 1);
+  };
+
+  double bending = 0;  // of the outline along its arcs
+  double height_areas = 0;
+  Vec3 push, bent_normals, height_first;
+  Mat3 height_second{{Vec3{}, Vec3{}, Vec3{}}}, normal_first{{Vec3{}, Vec3{}, Vec3{}}};
+  bool holds_centre = true;
+  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    const Face& face = faces_[f];
+    holds_centre &= face.offset > 0;
+    // Too far for any of its edges to meet the ball, whatever the rounding.
+    if (std::abs(face.offset) > (1 + 0x1p-40) * radius) continue;
+    const Vec3 foot = face.offset * face.normal;
+    const double disk_squared = std::max(0.0, (radius - face.offset) * (radius + face.offset));
+    Outline outline(face.normal, disk_squared);
+    std::uint32_t a = loops_[face.end - 1];
+    for (std::uint32_t k = face.begin; k < face.end; ++k) {
+      const std::uint32_t b = loops_[k];
+      const Vec3 p = corners_[a], q = corners_[b];
+      const std::uint32_t low = std::min(a, b), high = std::max(a, b);
+      if (in_ball_[a] && in_ball_[b]) {
+        outline.segment(p - foot, q - foot);
+      } else if (in_ball_[a]) {
+        const Vec3 x = passage(p, q, radius_squared);
+        outline.segment(p - foot, x - foot);
+        outline.leave(x - foot);
+        const std::uint32_t e = crossed_by(low, high);
+        e == kNone ? remember(low, high, f) : turn(x, face, faces_[crossed_[e].face]);
+      } else if (in_ball_[b]) {
+        const Vec3 x = passage(q, p, radius_squared);
+        outline.enter(x - foot);
+        outline.segment(x - foot, q - foot);
+        const std::uint32_t e = crossed_by(low, high);
+        e == kNone ? remember(low, high, f) : turn(x, faces_[crossed_[e].face], face);
+      } else {
+        const Chord both = chord(corners_[low], corners_[high], radius_squared);
+        if (both.crosses) {
+          const Vec3 in = a == low ? both.first : both.second, out = a == low ? both.second : both.first;
+          outline.enter(in - foot);
+          outline.segment(in - foot, out - foot);
+          outline.leave(out - foot);
+          const std::uint32_t e = crossed_by(low, high);
+          if (e == kNone) {
+            remember(low, high, f);
+          } else {
+            turn(in, faces_[crossed_[e].face], face);
+            turn(out, face, faces_[crossed_[e].face]);
+          }
+        }
+      }
+      a = b;
+    }
+    if (outline.segments() > 0) {
+      outline.close();
+      if (outline.may_lack_circle() && surrounds(face, foot, disk_squared)) outline.whole_circle();
+    } else if (disk_squared > 0 && surrounds(face, foot, disk_squared)) {
+      outline.whole_circle();
+    } else {
+      continue;
+    }
+    ++flat_parts;
+    segments += outline.segments();
+    bending += face.offset / radius * outline.arcs();
+    const PlaneMoments& m = outline.moments();
+    const Vec3 first = m.area * foot + m.first;
+    height_areas += face.offset * m.area;
+    push = push - m.area * face.normal;
+    bent_normals = bent_normals + outline.arcs() * face.normal;
+    height_first = height_first + face.offset * first;
+    add_outer(normal_first, 1, face.normal, first);
+    add_outer(height_second, face.offset * m.area, foot, foot);
+    add_outer(height_second, face.offset, foot, m.first);
+    add_outer(height_second, face.offset, m.first, foot);
+    for (std::size_t i = 0; i < 3; ++i) height_second.rows[i] = height_second.rows[i] + face.offset * m.second.rows[i];
+  }
+  // No flat part: the ball is within the cell or beyond it.
+  if (flat_parts == 0 && !holds_centre) return {};
+
+  const std::int64_t characteristic = 2 - (flat_parts - segments / 2 + corners_in);
+  BallPiece piece;
+  const double area = radius_squared * (kTwoPi * static_cast<double>(characteristic) + bending - turning);
+  const double volume = (height_areas + radius * area) / 3;
+  piece.area = area - growth * (2 * area / radius - radius * bending);
+  piece.moments.volume = volume - growth * piece.area;
+  piece.moments.first = 0.25 * (height_first + radius_squared * push) - (growth * radius) * push;
+  piece.push = push + (growth * radius) * bent_normals;
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t j = 0; j < 3; ++j) {
+      const int ii = static_cast<int>(i), jj = static_cast<int>(j);
+      // The integral of x·xᵀ over the spherical part, by radius.
+      const double spherical = (i == j ? volume : 0) - (normal_first.rows[i][jj] + normal_first.rows[j][ii]) / 2;
+      piece.moments.second.rows[i][jj] =
+          (height_second.rows[i][jj] + radius_squared * spherical) / 5 - growth * radius * spherical;
+    }
+  }
+  return piece;
+}
+
+Box cap_box(double radius, Vec3 normal, double offset) {
+  const double disk = std::sqrt(std::max(0.0, (radius - offset) * (radius + offset)));
+  Box box;
+  for (int a = 0; a < 3; ++a) {
+    const double spread = disk * std::sqrt(std::max(0.0, 1 - normal[a] * normal[a]));
+    box.max[a] = normal[a] * radius >= offset ? radius : offset * normal[a] + spread;
+    box.min[a] = -normal[a] * radius >= offset ? -radius : offset * normal[a] - spread;
+  }
+  return box;
+}
+
+}  // namespace spherule

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// One ball within one convex cell: the brick that unions of balls are measured with.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/base/geometry.h"
+#include "core/mass.h"
+
+namespace spherule {
+
+/// A ball within a convex cell, about the ball's centre.
+struct BallPiece {
+  Moments moments;
+  double area = 0;  ///< of the ball's sphere within the cell
+  Vec3 push;        ///< integral of the outer normal over that area
+};
+
+/// A convex polyhedron, cut plane by plane, in coordinates relative to the centre of a ball. Reuse one object for many
+/// balls: it keeps its memory. Not thread safe.
+class BallCell {
+ public:
+  /// Starts over with a box that holds `ball_box` with a margin, so that no side of it touches what is in ball_box.
+  void reset(const Box& ball_box);
+
+  /// Keeps the half space normal · x <= offset; `normal` of length 1. What a plane would cut off within a relative
+  /// 2^-42 of the box is left. False when nothing remains. O(corners).
+  bool cut(Vec3 normal, double offset);
+
+  bool empty() const { return faces_.empty(); }
+
+  /// The largest distance of a corner from the ball's centre: planes farther away cut nothing.
+  double reach() const { return reach_; }
+
+  /// The ball of this radius within the cell. Volume and moments by the divergence theorem over the flat faces within
+  /// the ball and the spherical rest; the rest's area by the theorem of Gauss and Bonnet, with its Euler characteristic
+  /// counted from the flat part (both together bound a convex body). Absolute error of the area about 2^-50 radius²;
+  /// where the plane of a face nearly touches the ball, in a disk of radius d, 2^-50 radius³/d. O(corners).
+  BallPiece measure(double radius) const;
+
+ private:
+  struct Face {
+    Vec3 normal;
+    double offset = 0;
+    std::uint32_t begin = 0, end = 0;  // of its corners in loops_, counter-clockwise as seen from outside
+  };
+  struct Cut {
+    std::uint32_t kept, removed;  // ends of the edge that the plane cuts
+    std::uint32_t next;           // the following corner of the new face, as a cut's number
+  };
+  bool cut_above(Vec3 normal, double offset, double limit);
+  // Whether a face lies around the disk, given that it does or is far from it.
+  bool surrounds(const Face& face, Vec3 foot, double disk_squared) const;
+  std::uint32_t cut_edge(std::uint32_t kept, std::uint32_t removed);
+
+  std::vector<Vec3> corners_;
+  std::vector<Face> faces_;
+  std::vector<std::uint32_t> loops_;
+  double reach_ = 0, tolerance_ = 0;
+  // Of the cut under way.
+  std::vector<double> heights_;
+  std::vector<std::uint32_t> renumbered_;
+  std::vector<Cut> cuts_;
+  std::vector<Vec3> next_corners_;
+  std::vector<Face> next_faces_;
+  std::vector<std::uint32_t> next_loops_;
+  // Of the measurement under way.
+  struct CrossedEdge {
+    std::uint32_t low, high;  // its corners
+    std::uint32_t face;
+    std::uint32_t older;  // edge of the same low corner, or none
+  };
+  mutable std::vector<CrossedEdge> crossed_;
+  mutable std::vector<std::uint32_t> newest_;
+  mutable std::vector<std::uint8_t> in_ball_;
+};
+
+/// The box of the part of a ball about the origin that lies beyond a plane (normal · x >= offset), for |offset| <=
+/// radius.
+Box cap_box(double radius, Vec3 normal, double offset);
+
+}  // namespace spherule
