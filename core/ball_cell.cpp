@@ -91,7 +91,7 @@ class Outline {
 
   void segment(Vec3 p, Vec3 q) {
     add_segment(moments_, normal_, p, q);
-    straight_ += std::atan2(dot(normal_, cross(p, q)), dot(p, q));
+    straight_squared_ = std::max(straight_squared_, squared_norm(q - p));
     ++segments_;
   }
   void enter(Vec3 p) {
@@ -109,9 +109,9 @@ class Outline {
   void close() {
     if (left_) arc(exit_, first_entry_);
   }
-  // Whether an arc ended where it began, so that it is nothing or the whole circle. Seen from the origin the whole
-  // outline turns once if it holds it, else not at all; where the circle is whole, what there is is nearly nothing.
-  bool may_lack_circle() const { return doubtful_ && straight_ + arcs_ < std::numbers::pi; }
+  // Whether an arc ended where it began, so that it is nothing or the whole circle. Where the circle is whole, there is
+  // nearly nothing else.
+  bool may_lack_circle() const { return doubtful_ && straight_squared_ < disk_squared_ / 4; }
   void whole_circle() { arc({}, {}, kTwoPi); }
 
   const PlaneMoments& moments() const { return moments_; }
@@ -136,7 +136,7 @@ class Outline {
   Vec3 normal_;
   double disk_squared_;
   PlaneMoments moments_;
-  double arcs_ = 0, straight_ = 0;
+  double arcs_ = 0, straight_squared_ = 0;
   Vec3 first_entry_, exit_;
   bool left_ = false, doubtful_ = false;
   std::uint32_t segments_ = 0;
@@ -144,43 +144,68 @@ class Outline {
 
 }  // namespace
 
-void BallCell::reset(const Box& ball_box) {
+void BallCell::start(Vec3 pivot) {
+  pivot_ = pivot;
+  double farthest = 0, largest = 0;
+  alive_.clear();
+  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
+    farthest = std::max(farthest, squared_norm(corners_[v] - pivot));
+    largest = std::max(largest, squared_norm(corners_[v]));
+    alive_.push_back(v);
+  }
+  reach_ = std::sqrt(farthest);
+  tolerance_ = 0x1p-42 * std::sqrt(largest);
+}
+
+void BallCell::reset(const Box& ball_box, Vec3 pivot) {
   const Vec3 size = ball_box.max - ball_box.min;
   const double margin = 0x1p-6 * std::max({size.x, size.y, size.z});
   const Vec3 m{margin, margin, margin};
   const std::array<Vec3, 2> ends{ball_box.min - m, ball_box.max + m};
   corners_.clear();
-  faces_.clear();
-  reach_ = 0;
-  for (std::size_t c = 0; c < 8; ++c) {
-    corners_.push_back({ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z});
-    reach_ = std::max(reach_, norm(corners_.back()));
-  }
-  tolerance_ = 0x1p-42 * reach_;
+  for (std::size_t c = 0; c < 8; ++c) corners_.push_back({ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z});
   loops_ = {0, 4, 6, 2, 1, 3, 7, 5, 0, 1, 5, 4, 2, 6, 7, 3, 0, 2, 3, 1, 4, 5, 7, 6};
+  faces_.clear();
   for (std::uint32_t f = 0; f < 6; ++f) {
     const int axis = static_cast<int>(f / 2);
     Face face{.normal = {}, .offset = f % 2 ? ends[1][axis] : -ends[0][axis], .begin = 4 * f, .end = 4 * f + 4};
     face.normal[axis] = f % 2 ? 1 : -1;
     faces_.push_back(face);
   }
+  start(pivot);
+}
+
+void BallCell::reset(const std::array<Vec3, 3>& base, Vec3 apex, double scale, Vec3 centre, Vec3 pivot) {
+  corners_.clear();
+  for (const Vec3& v : base) corners_.push_back(v - centre);
+  for (const Vec3& v : base) corners_.push_back(apex + scale * (v - apex) - centre);
+  loops_ = {0, 2, 1, 3, 4, 5, 0, 1, 4, 3, 1, 2, 5, 4, 2, 0, 3, 5};
+  const Vec3 outward = normalised(cross(base[1] - base[0], base[2] - base[0]));
+  faces_.clear();
+  faces_.push_back({-outward, -dot(outward, corners_[0]), 0, 3});
+  faces_.push_back({outward, dot(outward, corners_[3]), 3, 6});
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    const Vec3 normal = normalised(cross(base[(i + 1) % 3] - base[i], base[i] - apex));
+    faces_.push_back({normal, dot(normal, corners_[i]), 6 + 4 * i, 10 + 4 * i});
+  }
+  start(pivot);
 }
 
 bool BallCell::cut(Vec3 normal, double offset) {
   heights_.resize(corners_.size());
   double highest = -std::numeric_limits<double>::infinity(), lowest = -highest;
-  for (std::size_t v = 0; v < corners_.size(); ++v) {
-    heights_[v] = dot(normal, corners_[v]) - offset;
-    highest = std::max(highest, heights_[v]);
-    lowest = std::min(lowest, heights_[v]);
+  for (const std::uint32_t v : alive_) {
+    const double height = dot(normal, corners_[v]) - offset;
+    heights_[v] = height;
+    highest = std::max(highest, height);
+    lowest = std::min(lowest, height);
   }
   // Corners at a plane's height but for rounding can be above and below it by turns around a face, and then no plane
   // of that height cuts the polyhedron: a slightly higher one does.
   for (double limit = tolerance_; highest > limit; limit *= 8) {
     if (lowest > limit) {
-      corners_.clear();
       faces_.clear();
-      loops_.clear();
+      alive_.clear();
       reach_ = 0;
       return false;
     }
@@ -194,58 +219,59 @@ std::uint32_t BallCell::cut_edge(std::uint32_t kept, std::uint32_t removed) {
     if (cuts_[c].kept == kept && cuts_[c].removed == removed) return c;
   const double low = heights_[kept], high = heights_[removed];
   const double t = std::clamp(low / (low - high), 0.0, 1.0);
-  next_corners_.push_back(corners_[kept] + t * (corners_[removed] - corners_[kept]));
+  const Vec3 from = corners_[kept], to = corners_[removed];
+  corners_.push_back(from + t * (to - from));
   cuts_.push_back({kept, removed, kNone});
   return static_cast<std::uint32_t>(cuts_.size() - 1);
 }
 
 bool BallCell::cut_above(Vec3 normal, double offset, double limit) {
-  next_corners_.clear();
+  const auto first_new = static_cast<std::uint32_t>(corners_.size());
+  const std::size_t first_loop = loops_.size();
+  removed_.resize(first_new);
+  for (const std::uint32_t v : alive_) removed_[v] = heights_[v] > limit;
   next_faces_.clear();
-  next_loops_.clear();
   cuts_.clear();
-  renumbered_.resize(corners_.size());
-  for (std::size_t v = 0; v < corners_.size(); ++v) {
-    renumbered_[v] = heights_[v] <= limit ? static_cast<std::uint32_t>(next_corners_.size()) : kNone;
-    if (renumbered_[v] != kNone) next_corners_.push_back(corners_[v]);
-  }
-  const auto kept_count = static_cast<std::uint32_t>(next_corners_.size());
+  const auto undo = [&] {
+    corners_.resize(first_new);
+    loops_.resize(first_loop);
+    return false;
+  };
   for (const Face& face : faces_) {
-    const auto begin = static_cast<std::uint32_t>(next_loops_.size());
+    std::uint32_t removed = 0;
+    for (std::uint32_t k = face.begin; k < face.end; ++k) removed += removed_[loops_[k]];
+    if (removed == 0) next_faces_.push_back(face);
+    if (removed == 0 || removed == face.end - face.begin) continue;
+    const auto begin = static_cast<std::uint32_t>(loops_.size());
     std::uint32_t exit = kNone, entry = kNone, previous = loops_[face.end - 1];
     for (std::uint32_t k = face.begin; k < face.end; ++k) {
       const std::uint32_t corner = loops_[k];
-      const bool was = renumbered_[previous] != kNone, is = renumbered_[corner] != kNone;
-      if (was && !is) {
-        if (exit != kNone) return false;
-        exit = cut_edge(previous, corner);
-        next_loops_.push_back(kept_count + exit);
-      } else if (!was && is) {
-        if (entry != kNone) return false;
-        entry = cut_edge(corner, previous);
-        next_loops_.push_back(kept_count + entry);
+      if (removed_[previous] != removed_[corner]) {
+        std::uint32_t& end = removed_[corner] ? exit : entry;
+        if (end != kNone) return undo();
+        end = removed_[corner] ? cut_edge(previous, corner) : cut_edge(corner, previous);
+        loops_.push_back(first_new + end);
       }
-      if (is) next_loops_.push_back(renumbered_[corner]);
+      if (!removed_[corner]) loops_.push_back(corner);
       previous = corner;
     }
-    if (entry != kNone) cuts_[entry].next = exit;
-    const auto end = static_cast<std::uint32_t>(next_loops_.size());
-    if (end > begin) next_faces_.push_back({face.normal, face.offset, begin, end});
+    cuts_[entry].next = exit;
+    next_faces_.push_back({face.normal, face.offset, begin, static_cast<std::uint32_t>(loops_.size())});
   }
-  const auto begin = static_cast<std::uint32_t>(next_loops_.size());
+  const auto begin = static_cast<std::uint32_t>(loops_.size());
   std::uint32_t c = 0;
   do {
-    next_loops_.push_back(kept_count + c);
+    loops_.push_back(first_new + c);
     c = cuts_[c].next;
-  } while (c != 0 && c != kNone && next_loops_.size() - begin < cuts_.size());
-  if (c != 0 || next_loops_.size() - begin != cuts_.size()) return false;
-  next_faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(next_loops_.size())});
-
-  corners_.swap(next_corners_);
+  } while (c != 0 && c != kNone && loops_.size() - begin < cuts_.size());
+  if (c != 0 || loops_.size() - begin != cuts_.size()) return undo();
+  next_faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(loops_.size())});
   faces_.swap(next_faces_);
-  loops_.swap(next_loops_);
+
+  std::erase_if(alive_, [&](std::uint32_t v) { return removed_[v] != 0; });
+  for (std::uint32_t v = first_new; v < corners_.size(); ++v) alive_.push_back(v);
   double farthest = 0;
-  for (const Vec3& v : corners_) farthest = std::max(farthest, squared_norm(v));
+  for (const std::uint32_t v : alive_) farthest = std::max(farthest, squared_norm(corners_[v] - pivot_));
   reach_ = std::sqrt(farthest);
   return true;
 }
@@ -270,18 +296,19 @@ BallPiece BallCell::measure(double ball_radius) const {
   // Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
   // it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
   // much is taken off by its derivatives, up to the square of 2^-30.
-  const bool corner_on_sphere = std::ranges::any_of(corners_, [&](const Vec3& v) {
-    return std::abs(squared_norm(v) - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
+  const bool corner_on_sphere = std::ranges::any_of(alive_, [&](std::uint32_t v) {
+    return std::abs(squared_norm(corners_[v]) - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
   });
   const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
   const double radius = ball_radius + growth, radius_squared = radius * radius;
   std::int64_t corners_in = 0, segments = 0, flat_parts = 0;
-  for (std::size_t v = 0; v < corners_.size(); ++v) {
+  newest_.resize(corners_.size());
+  for (const std::uint32_t v : alive_) {
     in_ball_[v] = squared_norm(corners_[v]) < radius_squared;
     corners_in += in_ball_[v];
+    newest_[v] = kNone;
   }
   crossed_.clear();
-  newest_.assign(corners_.size(), kNone);
 
   double turning = 0;  // of the spherical part's outline, at its corners; each is the crossing of an edge
   const auto crossed_by = [&](std::uint32_t low, std::uint32_t high) {

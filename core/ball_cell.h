@@ -3,8 +3,8 @@
 // One ball within one convex cell: the brick that unions of balls are measured with.
 #pragma once
 
+#include <array>
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "core/base/geometry.h"
@@ -24,7 +24,12 @@ struct BallPiece {
 class BallCell {
  public:
   /// Starts over with a box that holds `ball_box` with a margin, so that no side of it touches what is in ball_box.
-  void reset(const Box& ball_box);
+  void reset(const Box& ball_box, Vec3 pivot = {});
+
+  /// Starts over with a frustum: what is beyond the triangle `base` as seen from `apex`, as far as the triangle
+  /// enlarged by `scale` > 1 about the apex. The corners may be relative to any origin; the ball's centre is at
+  /// `centre` there. Seen from the apex the base is clockwise.
+  void reset(const std::array<Vec3, 3>& base, Vec3 apex, double scale, Vec3 centre, Vec3 pivot);
 
   /// Keeps the half space normal · x <= offset; `normal` of length 1. What a plane would cut off within a relative
   /// 2^-42 of the box is left. False when nothing remains. O(corners).
@@ -32,7 +37,7 @@ class BallCell {
 
   bool empty() const { return faces_.empty(); }
 
-  /// The largest distance of a corner from the ball's centre: planes farther away cut nothing.
+  /// The largest distance of a corner from the pivot: planes farther from it cut nothing.
   double reach() const { return reach_; }
 
   /// The ball of this radius within the cell. Volume and moments by the divergence theorem over the flat faces within
@@ -51,28 +56,30 @@ class BallCell {
     std::uint32_t kept, removed;  // ends of the edge that the plane cuts
     std::uint32_t next;           // the following corner of the new face, as a cut's number
   };
-  bool cut_above(Vec3 normal, double offset, double limit);
-  // Whether a face lies around the disk, given that it does or is far from it.
-  bool surrounds(const Face& face, Vec3 foot, double disk_squared) const;
-  std::uint32_t cut_edge(std::uint32_t kept, std::uint32_t removed);
-
-  std::vector<Vec3> corners_;
-  std::vector<Face> faces_;
-  std::vector<std::uint32_t> loops_;
-  double reach_ = 0, tolerance_ = 0;
-  // Of the cut under way.
-  std::vector<double> heights_;
-  std::vector<std::uint32_t> renumbered_;
-  std::vector<Cut> cuts_;
-  std::vector<Vec3> next_corners_;
-  std::vector<Face> next_faces_;
-  std::vector<std::uint32_t> next_loops_;
-  // Of the measurement under way.
   struct CrossedEdge {
     std::uint32_t low, high;  // its corners
     std::uint32_t face;
     std::uint32_t older;  // edge of the same low corner, or none
   };
+  void start(Vec3 pivot);
+  bool cut_above(Vec3 normal, double offset, double limit);
+  std::uint32_t cut_edge(std::uint32_t kept, std::uint32_t removed);
+  // Whether a face lies around the disk, given that it does or is far from it.
+  bool surrounds(const Face& face, Vec3 foot, double disk_squared) const;
+
+  // Corners and loops only grow until the next reset: what a cut leaves alone stays where it is.
+  Vec3 pivot_;
+  std::vector<Vec3> corners_;
+  std::vector<std::uint32_t> alive_;  // the polyhedron's corners, of all that ever were
+  std::vector<Face> faces_;
+  std::vector<std::uint32_t> loops_;
+  double reach_ = 0, tolerance_ = 0;
+  // Of the cut under way.
+  std::vector<double> heights_;        // of all alive corners, by number
+  std::vector<std::uint8_t> removed_;  // by number
+  std::vector<Cut> cuts_;
+  std::vector<Face> next_faces_;
+  // Of the measurement under way.
   mutable std::vector<CrossedEdge> crossed_;
   mutable std::vector<std::uint32_t> newest_;
   mutable std::vector<std::uint8_t> in_ball_;

@@ -17,6 +17,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "core/ball_cell.h"
 #include "core/base/check.h"
@@ -32,30 +33,27 @@ namespace {
 // they cut off has an area below 2^-38 of the ball's, and a disk too small to be placed well (see BallCell::measure).
 constexpr double kTangent = 1 - 0x1p-40;
 
-// A ball whose power is equal on a plane, as seen from another ball: normal · x <= offset is the other's.
+// A ball as seen from the centre of another, which has the lower power where normal · x <= offset.
 struct Rival {
   double offset;
   std::uint32_t ball;
   Vec3 normal;
+  double height;  // of the plane over the pivot
 };
 
-enum class Meeting : std::uint8_t { apart, divided, hidden };
-
-// How `other` bounds the cell of `ball`. Of balls with one centre the larger counts, of identical ones that with
-// `first`.
-Meeting meet(const Sphere& ball, const Sphere& other, bool first, Rival& rival) {
+// Adds `other` if it bounds the cell of `ball`; true if it hides the ball. Of balls with one centre the larger counts,
+// of identical ones that with the lower number.
+bool add_rival(const Sphere& ball, const Sphere& other, std::uint32_t number, std::uint32_t other_number,
+               std::vector<Rival>& rivals) {
   const Vec3 d = other.centre - ball.centre;
   const double distance = norm(d);
   const double larger = (ball.radius - other.radius) * (ball.radius + other.radius);
-  if (!(distance > 0)) {
-    if (larger == 0) return first ? Meeting::apart : Meeting::hidden;
-    return larger > 0 ? Meeting::apart : Meeting::hidden;
-  }
-  rival.offset = (distance + larger / distance) / 2;
-  if (rival.offset >= kTangent * ball.radius) return Meeting::apart;
-  if (rival.offset <= -kTangent * ball.radius) return Meeting::hidden;
-  rival.normal = (1 / distance) * d;
-  return Meeting::divided;
+  if (!(distance > 0)) return larger < 0 || (larger == 0 && other_number < number);
+  const double offset = (distance + larger / distance) / 2;
+  if (offset <= -kTangent * ball.radius) return true;
+  if (offset < kTangent * ball.radius)
+    rivals.push_back({.offset = offset, .ball = other_number, .normal = (1 / distance) * d, .height = 0});
+  return false;
 }
 
 // One thread's memory.
@@ -64,14 +62,17 @@ struct Workshop {
   std::vector<Rival> rivals;
 };
 
-// Cuts by the nearest planes first: the others then mostly lie beyond what is left.
-bool cut_by_rivals(Workshop& shop) {
+// Cuts by the planes nearest to the pivot, a point of the cell, first: most others then lie beyond what is left.
+bool cut_by_rivals(Workshop& shop, Vec3 pivot) {
+  for (Rival& rival : shop.rivals) rival.height = rival.offset - dot(rival.normal, pivot);
   std::sort(shop.rivals.begin(), shop.rivals.end(), [](const Rival& a, const Rival& b) {
-    return a.offset != b.offset ? a.offset < b.offset : a.ball < b.ball;
+    return a.height != b.height ? a.height < b.height : a.ball < b.ball;
   });
+  std::uint32_t previous = no_cell;
   for (const Rival& rival : shop.rivals) {
-    if (rival.offset >= shop.cell.reach()) break;
-    if (!shop.cell.cut(rival.normal, rival.offset)) return false;
+    if (rival.height >= shop.cell.reach()) break;
+    // A ball with several caps is met at each.
+    if (rival.ball != std::exchange(previous, rival.ball) && !shop.cell.cut(rival.normal, rival.offset)) return false;
   }
   return true;
 }
@@ -101,20 +102,16 @@ Moments sum(const std::vector<Moments>& pieces) {
 
 // ------------------------------------------------------------------------------------------------------- raw models
 
-// Everything is in lattice units.
-struct Facet {
-  std::array<std::uint32_t, 3> corners;
-  Vec3 normal;  // outward, of length 1
-};
-
 Vec3 to_vec3(LatticePoint p) { return {double(p.x), double(p.y), double(p.z)}; }
 
+// In lattice units.
 class RawUnion {
  public:
   RawUnion(const SphereModel& model, const Context& context)
       : solid_(*model.solid),
         points_(solid_.boundary.points),
         cells_(std::span(solid_.cells).first(solid_.inside_count)),
+        spheres_(model.spheres),
         context_(context) {
     Context quiet = context;
     quiet.progress = nullptr;
@@ -133,28 +130,42 @@ class RawUnion {
   }
 
  private:
+  // Seen from the cell's fourth corner, the apex, the corners are clockwise: the normal points away from it.
+  struct Facet {
+    std::array<Vec3, 3> corners;
+    Vec3 apex;
+    Vec3 normal;  // of length 1
+
+    double offset_from(Vec3 centre) const { return dot(normal, corners[0] - centre); }
+    Vec3 middle() const { return (1.0 / 3) * (corners[0] + corners[1] + corners[2]); }
+  };
+  // What a group's ball has beyond one of its boundary facets.
   struct Cap {
-    std::uint32_t cell, facet, ball;
+    Sphere ball;
+    std::uint32_t cell, facet, group;
   };
 
+  // Exact but for the normal, whose cross product is exact too: differences have 25 bits.
   Facet facet(std::uint32_t cell, std::size_t opposite) const {
-    using exact::operator-;
+    // The other three in the order that keeps the cell positive with the apex last.
+    static constexpr std::array<std::array<std::uint8_t, 3>, 4> kOthers{{{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}}};
     const Tetrahedron& t = cells_[cell];
-    Facet f{.corners = {t[(opposite + 1) % 4], t[(opposite + 2) % 4], t[(opposite + 3) % 4]}, .normal = {}};
-    const LatticePoint a = points_[f.corners[0]];
-    const exact::Difference n = exact::cross(points_[f.corners[1]] - a, points_[f.corners[2]] - a);
-    f.normal = normalised(Vec3{double(n.x), double(n.y), double(n.z)});
-    // Corner `opposite` is on the inner side.
-    if (exact::dot<exact::Wide>(points_[t[opposite]] - a, n) > 0) f.normal = -f.normal;
+    Facet f{.corners = {}, .apex = to_vec3(points_[t[opposite]]), .normal = {}};
+    for (std::size_t v = 0; v < 3; ++v) f.corners[2 - v] = to_vec3(points_[t[kOthers[opposite][v]]]);
+    f.normal = normalised(cross(f.corners[1] - f.corners[0], f.corners[2] - f.corners[0]));
     return f;
   }
-  double offset_from(const Facet& f, Vec3 centre) const {
-    return dot(f.normal, to_vec3(points_[f.corners[0]]) - centre);
+  bool coplanar(std::uint32_t cell, std::size_t opposite, std::uint32_t other, std::size_t other_opposite) const {
+    const Tetrahedron &t = cells_[cell], &u = cells_[other];
+    for (std::size_t v = 1; v < 4; ++v) {
+      if (exact::orientation(points_[t[(opposite + 1) % 4]], points_[t[(opposite + 2) % 4]],
+                             points_[t[(opposite + 3) % 4]], points_[u[(other_opposite + v) % 4]]) != 0)
+        return false;
+    }
+    return true;
   }
-  bool coplanar(const Facet& f, const Facet& g) const {
-    const LatticePoint a = points_[f.corners[0]], b = points_[f.corners[1]], c = points_[f.corners[2]];
-    return std::ranges::all_of(g.corners,
-                               [&](std::uint32_t v) { return exact::orientation(a, b, c, points_[v]) == 0; });
+  bool on_boundary(std::uint32_t cell) const {
+    return std::ranges::find(across_[cell], no_cell) != across_[cell].end();
   }
 
   // About the middle of the lattice.
@@ -190,35 +201,26 @@ class RawUnion {
   // power that could be computed. So are cells whose balls differ by less than 2^-27 radii, where it could not be well
   // enough; taking one for the other moves a cap by that.
   void group_cells() {
-    group_.resize(cells_.size());
-    std::iota(group_.begin(), group_.end(), 0U);
-    const auto find = [&](std::uint32_t c) {
-      while (group_[c] != c) c = group_[c] = group_[group_[c]];
-      return c;
-    };
-    balls_.resize(cells_.size());
-    parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t c = begin; c < end; ++c) {
-        const auto& [i, j, k, l] = cells_[c];
-        balls_[c] = circumsphere({points_[i], points_[j], points_[k], points_[l]});
-      }
-    });
+    group_.assign(cells_.size(), no_cell);
+    std::vector<std::uint32_t> reached;
     for (std::uint32_t c = 0; c < cells_.size(); ++c) {
-      for (const std::uint32_t other : across_[c]) {
-        if (other == no_cell || other < c) continue;
-        const double near = 0x1p-27 * balls_[c].radius;
-        if (squared_norm(balls_[other].centre - balls_[c].centre) > near * near) continue;
-        const std::uint32_t a = find(c), b = find(other);
-        group_[std::max(a, b)] = std::min(a, b);
+      if (group_[c] != no_cell || !on_boundary(c)) continue;
+      group_[c] = c;
+      reached.assign(1, c);
+      for (std::size_t next = 0; next < reached.size(); ++next) {
+        const Sphere& ball = spheres_[reached[next]];
+        const double near = 0x1p-27 * ball.radius;
+        for (const std::uint32_t other : across_[reached[next]]) {
+          if (other == no_cell || group_[other] != no_cell) continue;
+          if (squared_norm(spheres_[other].centre - ball.centre) > near * near) continue;
+          group_[other] = c;
+          reached.push_back(other);
+        }
       }
+      if (reached.size() == 1) continue;
+      for (const std::uint32_t member : reached) members_.push_back({c, member});
     }
-    for (std::uint32_t c = 0; c < cells_.size(); ++c) {
-      group_[c] = find(c);
-      if (group_[c] != c) members_.push_back({group_[c], c});
-    }
-    for (std::size_t m = 0, n = members_.size(); m < n; ++m) members_.push_back({members_[m].first, members_[m].first});
     std::sort(members_.begin(), members_.end());
-    members_.erase(std::unique(members_.begin(), members_.end()), members_.end());
   }
 
   // Calls visit(cell) for the cells of a group, ascending.
@@ -230,70 +232,99 @@ class RawUnion {
   }
 
   void collect_caps() {
-    for (std::uint32_t c = 0; c < cells_.size(); ++c) {
-      for (std::uint32_t i = 0; i < 4; ++i) {
-        if (across_[c][i] != no_cell) continue;
-        const Sphere& ball = balls_[group_[c]];
-        const Facet f = facet(c, i);
-        const double offset = offset_from(f, ball.centre);
-        if (offset >= kTangent * ball.radius) continue;
-        caps_.push_back({c, i, group_[c]});
-        boxes_.push_back(moved(cap_box(ball.radius, f.normal, std::max(offset, -ball.radius)), ball.centre));
+    auto pieces = one_a_piece<std::pair<std::vector<Cap>, std::vector<Box>>>(cells_.size());
+    parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      auto& [caps, boxes] = pieces[begin / kGrain];
+      for (auto c = static_cast<std::uint32_t>(begin); c < end; ++c) {
+        if (!on_boundary(c)) continue;
+        const auto& [i, j, k, l] = cells_[group_[c]];
+        const Sphere ball = circumsphere({points_[i], points_[j], points_[k], points_[l]});
+        for (std::uint32_t v = 0; v < 4; ++v) {
+          if (across_[c][v] != no_cell) continue;
+          const Facet f = facet(c, v);
+          const double offset = f.offset_from(ball.centre);
+          if (offset >= kTangent * ball.radius) continue;
+          caps.push_back({ball, c, v, group_[c]});
+          boxes.push_back(moved(cap_box(ball.radius, f.normal, std::max(offset, -ball.radius)), ball.centre));
+        }
       }
+    });
+    for (auto& [caps, boxes] : pieces) {
+      caps_.insert(caps_.end(), caps.begin(), caps.end());
+      boxes_.insert(boxes_.end(), boxes.begin(), boxes.end());
+      caps = {};
+      boxes = {};
     }
   }
 
   // The cap's ball beyond its facet, but not beyond the group's other facets: inner ones end the ball's cell, and what
   // is beyond two outer ones is the first one's. False when nothing remains.
-  bool start_cell(const Cap& cap, const Box& box, BallCell& cell) const {
-    const Sphere& ball = balls_[cap.ball];
-    const Facet base = facet(cap.cell, cap.facet);
-    cell.reset(moved(box, -ball.centre));
-    bool some = cell.cut(-base.normal, -offset_from(base, ball.centre));
-    for_each_member(cap.ball, [&](std::uint32_t member) {
+  bool start_cell(const Cap& cap, const Box& box, const Facet& base, BallCell& cell) const {
+    const Sphere& ball = cap.ball;
+    const Vec3 pivot = base.middle() - ball.centre;
+    if (is_alone(cap)) {
+      const double height = dot(base.normal, base.corners[0] - base.apex);
+      const double top = 1.001 * ball.radius - base.offset_from(ball.centre);
+      // Of flatter cells the frustum's far corners are too far away for the tolerance of cuts.
+      if (top < 32 * height) {
+        cell.reset(base.corners, base.apex, 1 + top / height, ball.centre, pivot);
+        return true;
+      }
+    }
+    cell.reset(moved(box, -ball.centre), pivot);
+    bool some = cell.cut(-base.normal, -base.offset_from(ball.centre));
+    for_each_member(cap.group, [&](std::uint32_t member) {
       for (std::uint32_t i = 0; i < 4 && some; ++i) {
         const std::uint32_t other = across_[member][i];
-        if (other == no_cell ? std::pair{member, i} >= std::pair{cap.cell, cap.facet} : group_[other] == cap.ball)
+        if (other == no_cell ? std::pair{member, i} >= std::pair{cap.cell, cap.facet} : group_[other] == cap.group)
           continue;
         const Facet f = facet(member, i);
-        some = !(other == no_cell && coplanar(base, f)) && cell.cut(f.normal, offset_from(f, ball.centre));
+        some = !(other == no_cell && coplanar(cap.cell, cap.facet, member, i)) &&
+               cell.cut(f.normal, f.offset_from(ball.centre));
       }
     });
     return some;
   }
+  // Whether the cell has no other boundary facet and its ball no other cell.
+  bool is_alone(const Cap& cap) const {
+    const auto& across = across_[cap.cell];
+    return std::ranges::count(across, no_cell) == 1 &&
+           std::ranges::none_of(across, [&](std::uint32_t o) { return o != no_cell && group_[o] == cap.group; });
+  }
 
   void add_caps(UnionMeasures& result) {
     const BoxTree tree(boxes_);
-    std::vector<BallPart> parts(caps_.size());
-    auto pieces = one_a_piece<Moments>(caps_.size());
-    parallel_for(context_, "union", caps_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    std::vector<Cap> caps(caps_.size());
+    for (std::size_t n = 0; n < caps.size(); ++n) caps[n] = caps_[tree.order()[n]];
+    caps_.clear();
+    caps_.shrink_to_fit();
+    std::vector<BallPart> parts(caps.size());
+    auto pieces = one_a_piece<Moments>(caps.size());
+    parallel_for(context_, "union", caps.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       Workshop shop;
       for (std::size_t n = begin; n < end; ++n) {
-        const std::uint32_t c = tree.order()[n];
-        const Cap& cap = caps_[c];
-        const Sphere& ball = balls_[cap.ball];
-        if (!start_cell(cap, boxes_[c], shop.cell)) continue;
+        const Cap& cap = caps[n];
+        const Sphere& ball = cap.ball;
+        const Box& box = boxes_[tree.order()[n]];
+        const Facet base = facet(cap.cell, cap.facet);
+        if (!start_cell(cap, box, base, shop.cell)) continue;
         shop.rivals.clear();
         bool hidden = false;
-        tree.for_each_overlap(boxes_[c], [&](std::uint32_t o) {
-          const std::uint32_t other = caps_[o].ball;
-          if (other == cap.ball || hidden) return;
-          Rival rival{.offset = 0, .ball = other, .normal = {}};
-          const Meeting meeting = meet(ball, balls_[other], cap.ball < other, rival);
-          hidden |= meeting == Meeting::hidden;
-          if (meeting == Meeting::divided) shop.rivals.push_back(rival);
+        tree.for_each_overlap(box, [&](std::size_t o) {
+          const Cap& other = caps[o];
+          if (other.group != cap.group) hidden |= add_rival(ball, other.ball, cap.group, other.group, shop.rivals);
         });
-        if (hidden || !cut_by_rivals(shop)) continue;
+        if (hidden || !cut_by_rivals(shop, base.middle() - ball.centre)) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
-        parts[c] = {piece.moments.volume, piece.area, piece.push};
+        parts[n] = {piece.moments.volume, piece.area, piece.push};
         pieces[begin / kGrain] += translated(piece.moments, ball.centre - kMiddle);
       }
     });
-    for (std::size_t c = 0; c < caps_.size(); ++c) {
-      BallPart& part = result.parts[caps_[c].cell];
-      part.volume_mm3 += parts[c].volume_mm3;
-      part.area_mm2 += parts[c].area_mm2;
-      part.push_mm2 = part.push_mm2 + parts[c].push_mm2;
+    for (std::size_t n = 0; n < caps.size(); ++n) {
+      BallPart& part = result.parts[caps[n].cell];
+      part.volume_mm3 += parts[n].volume_mm3;
+      part.area_mm2 += parts[n].area_mm2;
+      part.push_mm2 = part.push_mm2 + parts[n].push_mm2;
     }
     result.moments += sum(pieces);
   }
@@ -316,10 +347,10 @@ class RawUnion {
   const Solid& solid_;
   const std::vector<LatticePoint>& points_;
   std::span<const Tetrahedron> cells_;
+  std::span<const Sphere> spheres_;  // in mm
   const Context& context_;
-  std::vector<std::array<std::uint32_t, 4>> across_;              // among the inside cells alone
-  std::vector<Sphere> balls_;                                     // of every cell
-  std::vector<std::uint32_t> group_;                              // of every cell, by its first one
+  std::vector<std::array<std::uint32_t, 4>> across_;  // among the inside cells alone
+  std::vector<std::uint32_t> group_;                  // a cell of the same ball, for cells of a ball with caps
   std::vector<std::pair<std::uint32_t, std::uint32_t>> members_;  // group and cell, for groups of several
   std::vector<Cap> caps_;
   std::vector<Box> boxes_;  // of the caps
@@ -342,26 +373,24 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
   if (solid_balls.empty()) return result;
   const Vec3 origin = middle(all);
   const BoxTree tree(boxes);
-  auto pieces = one_a_piece<Moments>(solid_balls.size());
-  parallel_for(context, "union", solid_balls.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  std::vector<Sphere> sorted(solid_balls.size());
+  for (std::size_t n = 0; n < sorted.size(); ++n) sorted[n] = balls[solid_balls[tree.order()[n]]];
+  auto pieces = one_a_piece<Moments>(sorted.size());
+  parallel_for(context, "union", sorted.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     Workshop shop;
     for (std::size_t n = begin; n < end; ++n) {
-      const std::uint32_t entry = tree.order()[n], i = solid_balls[entry];
-      const Sphere& ball = balls[i];
+      const Sphere& ball = sorted[n];
+      const std::uint32_t i = solid_balls[tree.order()[n]];
       shop.rivals.clear();
       bool hidden = false;
-      tree.for_each_overlap(boxes[entry], [&](std::uint32_t other_entry) {
-        const std::uint32_t j = solid_balls[other_entry];
-        const double reach = ball.radius + balls[j].radius;
-        if (j == i || hidden || squared_norm(balls[j].centre - ball.centre) >= reach * reach) return;
-        Rival rival{.offset = 0, .ball = j, .normal = {}};
-        const Meeting meeting = meet(ball, balls[j], i < j, rival);
-        hidden |= meeting == Meeting::hidden;
-        if (meeting == Meeting::divided) shop.rivals.push_back(rival);
+      tree.for_each_overlap(boxes[tree.order()[n]], [&](std::size_t o) {
+        const double reach = ball.radius + sorted[o].radius;
+        if (o == n || hidden || squared_norm(sorted[o].centre - ball.centre) >= reach * reach) return;
+        hidden = add_rival(ball, sorted[o], i, solid_balls[tree.order()[o]], shop.rivals);
       });
       if (hidden) continue;
-      shop.cell.reset(moved(boxes[entry], -ball.centre));
-      if (!cut_by_rivals(shop)) continue;
+      shop.cell.reset(moved(box_of(ball), -ball.centre));
+      if (!cut_by_rivals(shop, {})) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
       result.parts[i] = {piece.moments.volume, piece.area, piece.push};
       pieces[begin / kGrain] += translated(piece.moments, ball.centre - origin);
