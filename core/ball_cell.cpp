@@ -225,38 +225,52 @@ std::uint32_t BallCell::cut_edge(std::uint32_t kept, std::uint32_t removed) {
   return static_cast<std::uint32_t>(cuts_.size() - 1);
 }
 
+// False when the corners to keep do not follow each other around the face.
+bool BallCell::cut_face(std::uint32_t face, std::uint32_t first_new) {
+  const std::uint32_t old_begin = faces_[face].begin, old_end = faces_[face].end;
+  const auto begin = static_cast<std::uint32_t>(loops_.size());
+  loops_.resize(begin + (old_end - old_begin) + 2);
+  std::uint32_t* out = loops_.data() + begin;
+  std::uint32_t exit = kNone, entry = kNone, previous = loops_[old_end - 1];
+  for (std::uint32_t k = old_begin; k < old_end; ++k) {
+    const std::uint32_t corner = loops_[k];
+    if (removed_[previous] != removed_[corner]) {
+      std::uint32_t& end = removed_[corner] ? exit : entry;
+      if (end != kNone) return false;
+      end = removed_[corner] ? cut_edge(previous, corner) : cut_edge(corner, previous);
+      *out++ = first_new + end;
+    }
+    if (!removed_[corner]) *out++ = corner;
+    previous = corner;
+  }
+  cuts_[entry].next = exit;
+  const auto end = static_cast<std::uint32_t>(out - loops_.data());
+  loops_.resize(end);
+  new_loops_.push_back({face, begin, end});
+  return true;
+}
+
 bool BallCell::cut_above(Vec3 normal, double offset, double limit) {
   const auto first_new = static_cast<std::uint32_t>(corners_.size());
   const std::size_t first_loop = loops_.size();
   removed_.resize(first_new);
   for (const std::uint32_t v : alive_) removed_[v] = heights_[v] > limit;
-  next_faces_.clear();
   cuts_.clear();
+  new_loops_.clear();
   const auto undo = [&] {
     corners_.resize(first_new);
     loops_.resize(first_loop);
     return false;
   };
-  for (const Face& face : faces_) {
+  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    const Face& face = faces_[f];
     std::uint32_t removed = 0;
     for (std::uint32_t k = face.begin; k < face.end; ++k) removed += removed_[loops_[k]];
-    if (removed == 0) next_faces_.push_back(face);
-    if (removed == 0 || removed == face.end - face.begin) continue;
-    const auto begin = static_cast<std::uint32_t>(loops_.size());
-    std::uint32_t exit = kNone, entry = kNone, previous = loops_[face.end - 1];
-    for (std::uint32_t k = face.begin; k < face.end; ++k) {
-      const std::uint32_t corner = loops_[k];
-      if (removed_[previous] != removed_[corner]) {
-        std::uint32_t& end = removed_[corner] ? exit : entry;
-        if (end != kNone) return undo();
-        end = removed_[corner] ? cut_edge(previous, corner) : cut_edge(corner, previous);
-        loops_.push_back(first_new + end);
-      }
-      if (!removed_[corner]) loops_.push_back(corner);
-      previous = corner;
+    if (removed == face.end - face.begin) {
+      new_loops_.push_back({f, 0, 0});
+    } else if (removed > 0 && !cut_face(f, first_new)) {
+      return undo();
     }
-    cuts_[entry].next = exit;
-    next_faces_.push_back({face.normal, face.offset, begin, static_cast<std::uint32_t>(loops_.size())});
   }
   const auto begin = static_cast<std::uint32_t>(loops_.size());
   std::uint32_t c = 0;
@@ -265,13 +279,31 @@ bool BallCell::cut_above(Vec3 normal, double offset, double limit) {
     c = cuts_[c].next;
   } while (c != 0 && c != kNone && loops_.size() - begin < cuts_.size());
   if (c != 0 || loops_.size() - begin != cuts_.size()) return undo();
-  next_faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(loops_.size())});
-  faces_.swap(next_faces_);
 
-  std::erase_if(alive_, [&](std::uint32_t v) { return removed_[v] != 0; });
-  for (std::uint32_t v = first_new; v < corners_.size(); ++v) alive_.push_back(v);
+  for (auto loop = new_loops_.rbegin(); loop != new_loops_.rend(); ++loop) {
+    if (loop->begin == loop->end) {
+      faces_[loop->face] = faces_.back();
+      faces_.pop_back();
+    } else {
+      faces_[loop->face].begin = loop->begin;
+      faces_[loop->face].end = loop->end;
+    }
+  }
+  faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(loops_.size())});
+
+  std::size_t kept = 0;
   double farthest = 0;
-  for (const std::uint32_t v : alive_) farthest = std::max(farthest, squared_norm(corners_[v] - pivot_));
+  const auto keep = [&](std::uint32_t v) { farthest = std::max(farthest, squared_norm(corners_[v] - pivot_)); };
+  for (const std::uint32_t v : alive_) {
+    if (removed_[v]) continue;
+    alive_[kept++] = v;
+    keep(v);
+  }
+  alive_.resize(kept);
+  for (std::uint32_t v = first_new; v < corners_.size(); ++v) {
+    alive_.push_back(v);
+    keep(v);
+  }
   reach_ = std::sqrt(farthest);
   return true;
 }

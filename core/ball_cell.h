@@ -64,6 +64,7 @@ class BallCell {
   void start(Vec3 pivot);
   bool cut_above(Vec3 normal, double offset, double limit);
   std::uint32_t cut_edge(std::uint32_t kept, std::uint32_t removed);
+  bool cut_face(std::uint32_t face, std::uint32_t first_new);
   // Whether a face lies around the disk, given that it does or is far from it.
   bool surrounds(const Face& face, Vec3 foot, double disk_squared) const;
 
@@ -78,7 +79,10 @@ class BallCell {
   std::vector<double> heights_;        // of all alive corners, by number
   std::vector<std::uint8_t> removed_;  // by number
   std::vector<Cut> cuts_;
-  std::vector<Face> next_faces_;
+  struct NewLoop {
+    std::uint32_t face, begin, end;
+  };
+  std::vector<NewLoop> new_loops_;  // of the faces that lose corners, ascending; empty ones vanish
   // Of the measurement under way.
   mutable std::vector<CrossedEdge> crossed_;
   mutable std::vector<std::uint32_t> newest_;

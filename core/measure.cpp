@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "core/base/check.h"
+#include "core/base/disjoint_sets.h"
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
 #include "core/predicates.h"
@@ -13,24 +14,6 @@
 namespace spherule {
 
 namespace {
-
-// Disjoint sets with path halving; the smaller index is the representative, so the result depends on no order.
-class DisjointSets {
- public:
-  explicit DisjointSets(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::uint32_t find(std::uint32_t v) {
-    while (parent_[v] != v) v = parent_[v] = parent_[parent_[v]];
-    return v;
-  }
-  void unite(std::uint32_t a, std::uint32_t b) {
-    a = find(a), b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-  bool is_root(std::uint32_t v) const { return parent_[v] == v; }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
 
 // Different edges of the cells, each counted at its smaller end.
 std::size_t count_edges(std::span<const Tetrahedron> cells, std::size_t point_count, const Context& context) {
