@@ -57,18 +57,18 @@ std::uint64_t pack8(const std::uint8_t* flags) {
 template <typename T, typename Predicate>
 void classify_row(const T* values, std::size_t count, std::span<std::uint64_t> words, Predicate inside) {
   std::array<std::uint8_t, 64> flags;
+  std::array<T, 64> tail{};
   for (std::size_t w = 0; w < words.size(); ++w) {
     const T* from = values + 64 * w;
     const std::size_t n = std::min<std::size_t>(64, count - 64 * w);
-    if (n == 64) {
-      for (std::size_t i = 0; i < 64; ++i) flags[i] = inside(from[i]);
-    } else {
-      flags.fill(0);
-      for (std::size_t i = 0; i < n; ++i) flags[i] = inside(from[i]);
+    if (n < 64) {
+      std::copy_n(from, n, tail.begin());
+      from = tail.data();
     }
+    for (std::size_t i = 0; i < 64; ++i) flags[i] = inside(from[i]);
     std::uint64_t word = 0;
     for (std::size_t b = 0; b < 8; ++b) word |= pack8(&flags[8 * b]) << (8 * b);
-    words[w] = word;
+    words[w] = n < 64 ? word & ((std::uint64_t{1} << n) - 1) : word;
   }
 }
 
@@ -105,41 +105,44 @@ Int128 first_where(Predicate holds) {
   return lo;
 }
 
-// value -> slope·value + intercept is monotone, also as rounded in double, so the stored integers whose value passes a
-// two-sided comparison form an interval, and one subtraction and one unsigned comparison decide a sample.
-template <typename T, typename AtLeast, typename AtMost>
-SampleBits classify_interval(const Volume& volume, std::span<const T> samples, const Context& context, bool complement,
-                             AtLeast at_least, AtMost at_most) {
+// Every comparison of a rule is one with a closed interval. NaN is in none.
+struct Interval {
+  double lo, hi;
+  bool holds(double value) const { return value >= lo && value <= hi; }
+};
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// value -> slope·value + intercept is monotone, also as rounded in double, so the stored integers whose value is in an
+// interval form one too, and one subtraction and one unsigned comparison decide a sample.
+template <typename T>
+SampleBits classify_integers(const Volume& volume, std::span<const T> samples, const Context& context,
+                             Interval interval, bool complement) {
   const auto value = [&](T stored) { return volume.slope * static_cast<double>(stored) + volume.intercept; };
-  Int128 first, past;
-  if (volume.slope > 0) {
-    first = first_where<T>([&](T s) { return at_least(value(s)); });
-    past = first_where<T>([&](T s) { return !at_most(value(s)); });
-  } else {
-    first = first_where<T>([&](T s) { return at_most(value(s)); });
-    past = first_where<T>([&](T s) { return !at_least(value(s)); });
-  }
+  const auto reaches_lo = [&](T s) { return value(s) >= interval.lo; };
+  const auto within_hi = [&](T s) { return value(s) <= interval.hi; };
+  const bool rising = volume.slope > 0;
+  const Int128 first = rising ? first_where<T>(reaches_lo) : first_where<T>(within_hi);
+  const Int128 past =
+      rising ? first_where<T>([&](T s) { return !within_hi(s); }) : first_where<T>([&](T s) { return !reaches_lo(s); });
+  // None of them is all but all.
+  const bool none = first >= past, outside = complement != none;
   using U = std::make_unsigned_t<T>;
-  if (first >= past) {
-    return classify(volume.grid.dims, samples, context, [complement](T) { return complement; });
-  }
-  const U base = static_cast<U>(first);
-  const U width = static_cast<U>(past - 1 - first);
+  const U base = none ? U{0} : static_cast<U>(first);
+  const U width = none ? std::numeric_limits<U>::max() : static_cast<U>(past - 1 - first);
   return classify(volume.grid.dims, samples, context,
-                  [=](T s) { return (static_cast<U>(static_cast<U>(s) - base) <= width) != complement; });
+                  [=](T s) { return (static_cast<U>(static_cast<U>(s) - base) <= width) != outside; });
 }
 
-template <typename T, typename AtLeast, typename AtMost>
-SampleBits classify_values(const Volume& volume, std::span<const T> samples, const Context& context, bool complement,
-                           AtLeast at_least, AtMost at_most) {
+template <typename T>
+SampleBits classify_values(const Volume& volume, std::span<const T> samples, const Context& context, Interval interval,
+                           bool complement) {
   if constexpr (std::is_integral_v<T>) {
-    return classify_interval(volume, samples, context, complement, at_least, at_most);
+    return classify_integers(volume, samples, context, interval, complement);
   } else {
     const double slope = volume.slope, intercept = volume.intercept;
     return classify(volume.grid.dims, samples, context, [=](T stored) {
       const double value = slope * static_cast<double>(stored) + intercept;
-      // NaN compares false with everything, itself included, and stays outside on either side.
-      return complement ? value == value && !(at_least(value) && at_most(value)) : at_least(value) && at_most(value);
+      return value == value && interval.holds(value) != complement;  // NaN stays outside on either side
     });
   }
 }
@@ -172,20 +175,13 @@ SampleBits classify_labels(const Volume& volume, std::span<const T> samples, con
 InsideSamples classify_samples(const Volume& volume, const ObjectRule& rule, const Context& context) {
   validate(rule);
   const bool complement = rule.side == Side::below;
-  const double lo = rule.lo, hi = rule.hi;
   return visit_voxels(volume, [&]<typename T>(std::span<const T> samples) -> InsideSamples {
     switch (rule.kind) {
       case ObjectRule::Kind::threshold:
-        return {
-            classify_values(
-                volume, samples, context, complement, [lo](double v) { return v >= lo; }, [](double) { return true; }),
-            {}};
+        return {classify_values(volume, samples, context, {rule.lo, kInfinity}, complement), {}};
       case ObjectRule::Kind::range:
-        return {classify_values(
-                    volume, samples, context, complement, [lo](double v) { return v >= lo; },
-                    [hi](double v) { return v <= hi; }),
-                classify_values(
-                    volume, samples, context, false, [hi](double v) { return v > hi; }, [](double) { return true; })};
+        return {classify_values(volume, samples, context, {rule.lo, rule.hi}, complement),
+                classify_values(volume, samples, context, {std::nextafter(rule.hi, kInfinity), kInfinity}, false)};
       case ObjectRule::Kind::labels: break;
     }
     return {classify_labels(volume, samples, rule.labels, complement, context), {}};

@@ -527,7 +527,7 @@ Listener::Listener(ListenerOptions options, Handler handler, AccessLog log) : st
         return httplib::Server::HandlerResponse::Handled;
       }));
   s.http.set_exception_handler([refuse](const httplib::Request& request, httplib::Response& response,
-                                        std::exception_ptr) { refuse(request, response, 500); });
+                                        const std::exception_ptr&) { refuse(request, response, 500); });
   s.http.set_expect_100_continue_handler([&s](const httplib::Request& request, httplib::Response& response) {
     try {
       response.status = framing(request).announced > s.options.max_body_bytes ? 413 : -1;

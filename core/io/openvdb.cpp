@@ -304,13 +304,17 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   openvdb::io::setGridClass(in, grid_class);
   openvdb::io::setHalfFloat(in, descriptor.half);
   openvdb::io::setGridBackgroundValuePtr(in, nullptr);
-  const typename GridType::Ptr grid = GridType::create();
+  // Made by the library, and all that is virtual called through the base: to compile a grid's every function here would
+  // take minutes.
+  const openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(descriptor.type);
+  const openvdb::TreeBase& base = grid->baseTree();
+  auto& tree = openvdb::gridPtrCast<GridType>(grid)->tree();
   grid->setSaveFloatAsHalf(descriptor.half);
   grid->readTransform(in);
-  TopologyReader<typename GridType::TreeType>(stream, descriptor.half, options.limits).read(grid->tree().root());
+  TopologyReader<typename GridType::TreeType>(stream, descriptor.half, options.limits).read(tree.root());
 
   openvdb::CoordBBox box;
-  if (!grid->tree().evalActiveVoxelBoundingBox(box)) {
+  if (!base.evalActiveVoxelBoundingBox(box)) {
     throw Error(ErrorCode::unusable, "The OpenVDB grid has no active voxel; activate the voxels of the object.");
   }
   std::array<std::int64_t, 3> sizes{};
@@ -326,7 +330,7 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   box.expand(1);
   place(volume, dims, grid->transform(), box.min());
   // Leaves in the file need not be dense, but their buffers are: they count like samples.
-  checked_dims({std::max<std::int64_t>(grid->tree().leafCount(), 1), 512, 1}, volume.type, options.limits);
+  checked_dims({std::max<std::int64_t>(base.leafCount(), 1), 512, 1}, volume.type, options.limits);
   context.throw_if_cancelled();
   context.report("read", 0.2);
   grid->readBuffers(in);
@@ -336,7 +340,7 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   volume.natural_side = grid_class == openvdb::GRID_LEVEL_SET ? Side::below : Side::above;
   volume.voxels.resize(volume.grid.sample_count() * sizeof(Stored));
   openvdb::tools::Dense<Stored, openvdb::tools::LayoutXYZ> dense(box, reinterpret_cast<Stored*>(volume.voxels.data()));
-  openvdb::tools::copyToDense(*grid, dense, /*serial=*/context.threads <= 1);
+  openvdb::tools::copyToDense(tree, dense, /*serial=*/context.threads <= 1);
   // A damaged tile of a bool grid may be of any value.
   if constexpr (std::is_same_v<Value, bool>) {
     for (std::byte& v : volume.voxels) v = v == std::byte{0} ? v : std::byte{1};

@@ -98,8 +98,9 @@ struct Scene {
     std::array<Place, kMaxSamples> places;
     int hits = 0;
     for (int sample = 0; sample < n * n; ++sample) {
-      const double px = x + (sample % n + 0.5) / n - 0.5 * options.width;
-      const double py = y + (sample / n + 0.5) / n - 0.5 * options.height;
+      const int column = sample % n, row = sample / n;
+      const double px = x + (column + 0.5) / n - 0.5 * options.width;
+      const double py = y + (row + 0.5) / n - 0.5 * options.height;
       const Ray ray{camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward,
                     camera.forward};
       const auto hit = tracer.first_hit(ray);

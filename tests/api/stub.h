@@ -96,7 +96,7 @@ class StubService final : public api::Service {
   static api::Content content(std::string bytes) {
     return {.bytes = bytes.size(),
             .sha256 = std::string(64, 'e'),
-            .read_at = [bytes](std::uint64_t offset, std::span<char> out) {
+            .read_at = [bytes = std::move(bytes)](std::uint64_t offset, std::span<char> out) {
               return bytes.copy(out.data(), out.size(), static_cast<std::size_t>(offset));
             }};
   }

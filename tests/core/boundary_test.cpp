@@ -25,7 +25,7 @@ BoundaryPoints boundary_of(const Volume& volume, const ObjectRule& rule, const C
 }
 
 // A volume of zeros with single samples set.
-Volume zeros(std::array<std::int32_t, 3> dims, std::vector<std::pair<std::array<std::int32_t, 3>, double>> set,
+Volume zeros(std::array<std::int32_t, 3> dims, const std::vector<std::pair<std::array<std::int32_t, 3>, double>>& set,
              VoxelType type = VoxelType::float64) {
   Volume volume = phantoms::noise(grid_of(dims), 1, 0, type);
   for (const auto& [at, value] : set) phantoms::set_stored(volume, at, value);

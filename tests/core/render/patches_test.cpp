@@ -103,7 +103,7 @@ TEST(Patches, HiddenAndEmptyBallsHaveNone) {
 }
 
 TEST(Patches, AreTheSameForEveryThreadCount) {
-  for (SphereModel model : {raw_model(), random_balls(3000, 2)}) {
+  for (const SphereModel& model : {raw_model(), random_balls(3000, 2)}) {
     const auto one = visible_patches(model);
     Context many;
     many.threads = 5;
