@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Disjoint sets of indices, joined two at a time.
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <numeric>
 #include <vector>
 
 namespace spherule {
 
-/// Disjoint sets of 0 … n - 1 with path halving. A set's smallest member is its representative, so results depend on no
-/// order.
+/// The smallest member stands for a set, so the result depends on no order of joins. Path halving: O(log n) amortised.
 class DisjointSets {
  public:
   explicit DisjointSets(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
