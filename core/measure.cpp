@@ -144,18 +144,31 @@ VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside) {
   return {count, static_cast<double>(count) * (grid.spacing.x * grid.spacing.y * grid.spacing.z)};
 }
 
+Moments tetrahedra_moments(const Solid& solid, const Context& context) {
+  const auto& points = solid.boundary.points;
+  constexpr std::size_t kGrain = 1 << 16;
+  std::vector<LatticeMoments> parts((solid.inside_count + kGrain - 1) / kGrain);
+  parallel_for(context, {}, solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const auto& t = solid.cells[c];
+      parts[begin / kGrain].add({points[t[0]], points[t[1]], points[t[2]], points[t[3]]});
+    }
+  });
+  LatticeMoments moments;
+  for (const LatticeMoments& part : parts) moments += part;
+  return moments.on(solid.boundary.lattice);
+}
+
 TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context) {
   using exact::operator-;
   const auto& points = solid.boundary.points;
   TetrahedraMeasures measures;
   if (solid.inside_count == 0) return measures;
-  const Lattice& lattice = solid.boundary.lattice;
-  const double unit = lattice.unit_mm;
+  const double unit = solid.boundary.lattice.unit_mm;
 
   const auto adjacent = neighbours(solid.cells, points.size(), context);
   constexpr std::size_t kGrain = 1 << 16;
   struct Part {
-    LatticeMoments moments;
     double area = 0;
     std::uint64_t facets = 0;
   };
@@ -164,7 +177,6 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
     Part& part = parts[begin / kGrain];
     for (std::size_t c = begin; c < end; ++c) {
       const auto& t = solid.cells[c];
-      part.moments.add({points[t[0]], points[t[1]], points[t[2]], points[t[3]]});
       for (std::size_t i = 0; i < 4; ++i) {
         if (adjacent[c][i] < solid.inside_count) continue;
         const LatticePoint p = points[t[(i + 1) % 4]];
@@ -177,14 +189,12 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
       }
     }
   });
-  LatticeMoments moments;
   for (const Part& part : parts) {
-    moments += part.moments;
     measures.area_mm2 += part.area;
     measures.boundary_facets += part.facets;
   }
-  measures.volume_mm3 = static_cast<double>(moments.volume) / 6 * unit * unit * unit;
-  measures.moments = moments.on(lattice);
+  measures.moments = tetrahedra_moments(solid, context);
+  measures.volume_mm3 = measures.moments.volume;
   measures.area_mm2 *= unit * unit;
   measures.topology = topology_of(solid, adjacent, measures.boundary_facets, context);
   return measures;

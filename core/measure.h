@@ -33,14 +33,17 @@ struct Topology {
 struct TetrahedraMeasures {
   double volume_mm3 = 0;  ///< exact in lattice units (128-bit sum), rounded once
   double area_mm2 = 0;    ///< of the facets between an inside cell and anything else; relative rounding below 1e-14
-  /// About the frame's origin. Exact in lattice units about the lattice's origin (128-bit sums), then moved: relative
-  /// error below 1e-15 times the squared ratio of the solid's distance from the frame's origin to its size.
-  Moments moments;
+  Moments moments;        ///< tetrahedra_moments
   std::uint64_t boundary_facets = 0;
   Topology topology;
 };
 
 VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside);
+
+/// Of the union of the inside tetrahedra, about the frame's origin. Exact in lattice units about the lattice's origin
+/// (128-bit sums), then moved: relative error below 1e-15 times the squared ratio of the solid's distance from the
+/// frame's origin to its size. O(cells).
+Moments tetrahedra_moments(const Solid& solid, const Context& context = {});
 
 /// O(cells); about 60 bytes a cell while it runs.
 TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context = {});

@@ -23,6 +23,7 @@
 #include "core/base/check.h"
 #include "core/base/parallel.h"
 #include "core/box_tree.h"
+#include "core/measure.h"
 #include "core/predicates.h"
 
 namespace spherule {
@@ -121,7 +122,7 @@ class RawUnion {
   UnionMeasures measure() {
     UnionMeasures result;
     result.parts.resize(cells_.size());
-    add_cells(result);
+    measure_cells(result);
     group_cells();
     collect_caps();
     add_caps(result);
@@ -168,33 +169,14 @@ class RawUnion {
     return std::ranges::find(across_[cell], no_cell) != across_[cell].end();
   }
 
-  // About the middle of the lattice.
-  void add_cells(UnionMeasures& result) {
-    auto pieces = one_a_piece<Moments>(cells_.size());
-    std::vector<exact::Wide> six_volumes(pieces.size(), 0);
+  void measure_cells(UnionMeasures& result) {
     parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      Moments& piece = pieces[begin / kGrain];
       for (std::size_t c = begin; c < end; ++c) {
         const auto& [i, j, k, l] = cells_[c];
-        const exact::Wide six = exact::six_volumes(points_[i], points_[j], points_[k], points_[l]);
-        six_volumes[begin / kGrain] += six;
-        const double volume = static_cast<double>(six) / 6;
-        result.parts[c].volume_mm3 = volume;
-        Vec3 total;
-        for (const std::uint32_t v : cells_[c]) {
-          const Vec3 p = to_vec3(points_[v]) - kMiddle;
-          total = total + p;
-          for (std::size_t a = 0; a < 3; ++a)
-            piece.second.rows[a] = piece.second.rows[a] + (volume / 20 * p[static_cast<int>(a)]) * p;
-        }
-        piece.first = piece.first + (volume / 4) * total;
-        for (std::size_t a = 0; a < 3; ++a)
-          piece.second.rows[a] = piece.second.rows[a] + (volume / 20 * total[static_cast<int>(a)]) * total;
+        result.parts[c].volume_mm3 =
+            static_cast<double>(exact::six_volumes(points_[i], points_[j], points_[k], points_[l])) / 6;
       }
     });
-    result.moments = sum(pieces);
-    result.moments.volume =
-        static_cast<double>(std::accumulate(six_volumes.begin(), six_volumes.end(), exact::Wide{0})) / 6;
   }
 
   // Cells that share a sphere (the rule on a grid) are one ball over a polytope: between them is no plane of equal
@@ -326,7 +308,7 @@ class RawUnion {
       part.area_mm2 += parts[n].area_mm2;
       part.push_mm2 = part.push_mm2 + parts[n].push_mm2;
     }
-    result.moments += sum(pieces);
+    result.moments = sum(pieces);
   }
 
   void to_patient(UnionMeasures& result) const {
@@ -340,6 +322,7 @@ class RawUnion {
       result.area_mm2 += part.area_mm2;
     }
     result.moments = translated(transformed(result.moments, axes, u), lattice.to_patient(kMiddle));
+    result.moments += tetrahedra_moments(solid_, context_);
   }
 
   static constexpr Vec3 kMiddle{0x1p23, 0x1p23, 0x1p23};
