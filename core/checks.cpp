@@ -18,22 +18,6 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 12;
 
-// Sample bits with one more sample on every side, where a closed border has its outside samples.
-SampleBits padded(const SampleBits& bits) {
-  const auto [nx, ny, nz] = bits.dims();
-  SampleBits result({nx + 2, ny + 2, nz + 2});
-  for (std::int32_t k = 0; k < nz; ++k) {
-    for (std::int32_t j = 0; j < ny; ++j) {
-      const auto from = bits.row(j, k);
-      const auto to = result.row(j + 1, k + 1);
-      for (std::size_t w = 0; w < to.size(); ++w) {
-        to[w] = (w < from.size() ? from[w] << 1 : 0) | (w > 0 && w <= from.size() ? from[w - 1] >> 63 : 0);
-      }
-    }
-  }
-  return result;
-}
-
 // Sets a run of bits of one row; rows may be shared between threads. Bits are only ever set, so order does not matter.
 void set_run(std::span<std::uint64_t> row, std::size_t first, std::size_t last) {
   for (std::size_t w = first / 64; w <= last / 64; ++w) {

@@ -25,6 +25,21 @@ std::uint64_t SampleBits::count() const {
   });
 }
 
+SampleBits padded(const SampleBits& bits) {
+  const auto [nx, ny, nz] = bits.dims();
+  SampleBits result({nx + 2, ny + 2, nz + 2});
+  for (std::int32_t k = 0; k < nz; ++k) {
+    for (std::int32_t j = 0; j < ny; ++j) {
+      const auto from = bits.row(j, k);
+      const auto to = result.row(j + 1, k + 1);
+      for (std::size_t w = 0; w < to.size(); ++w) {
+        to[w] = (w < from.size() ? from[w] << 1 : 0) | (w > 0 && w <= from.size() ? from[w - 1] >> 63 : 0);
+      }
+    }
+  }
+  return result;
+}
+
 namespace {
 
 constexpr std::size_t kRowsPerPiece = 256;

@@ -64,6 +64,9 @@ class SampleBits {
   std::vector<std::uint64_t> bits_;
 };
 
+/// The bits with one more sample on every side, all 0: where a closed border has its outside samples.
+SampleBits padded(const SampleBits& bits);
+
 /// The rule applied to a volume.
 struct InsideSamples {
   SampleBits inside;
