@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <numeric>
 
 #include "core/base/check.h"
@@ -93,6 +95,48 @@ Topology topology_of(const Solid& solid, std::span<const std::array<std::uint32_
   return topology;
 }
 
+// The integrals of 1, x and x·xᵀ over lattice tetrahedra, times 6, 24 and 120: whole numbers. Over anything that does
+// not overlap itself within the lattice's cube of edge 2^24 the largest of them is below 120 · 2^120 < 2^127, so the
+// sums fit.
+struct LatticeMoments {
+  Int128 volume = 0;
+  std::array<Int128, 3> first{};
+  std::array<Int128, 6> second{};  // xx, yy, zz, xy, yz, zx
+
+  void add(const std::array<LatticePoint, 4>& corners) {
+    const Int128 six = exact::six_volumes(corners[0], corners[1], corners[2], corners[3]);
+    std::array<std::int64_t, 3> sum{};
+    std::array<std::int64_t, 6> products{};
+    for (const LatticePoint p : corners) {
+      const std::int64_t x = p.x, y = p.y, z = p.z;
+      sum[0] += x, sum[1] += y, sum[2] += z;
+      products[0] += x * x, products[1] += y * y, products[2] += z * z;
+      products[3] += x * y, products[4] += y * z, products[5] += z * x;
+    }
+    volume += six;
+    for (std::size_t a = 0; a < 3; ++a) {
+      first[a] += six * sum[a];
+      second[a] += six * (products[a] + sum[a] * sum[a]);
+      second[a + 3] += six * (products[a + 3] + sum[a] * sum[(a + 1) % 3]);
+    }
+  }
+  LatticeMoments& operator+=(const LatticeMoments& other) {
+    volume += other.volume;
+    for (std::size_t a = 0; a < 3; ++a) first[a] += other.first[a];
+    for (std::size_t a = 0; a < 6; ++a) second[a] += other.second[a];
+    return *this;
+  }
+  // About the frame's origin, mm.
+  Moments on(const Lattice& lattice) const {
+    const auto at = [&](std::size_t a) { return static_cast<double>(second[a]) / 120; };
+    const auto of = [&](std::size_t a) { return static_cast<double>(first[a]) / 24; };
+    const Moments own{.volume = static_cast<double>(volume) / 6,
+                      .first = {of(0), of(1), of(2)},
+                      .second = {{Vec3{at(0), at(3), at(5)}, Vec3{at(3), at(1), at(4)}, Vec3{at(5), at(4), at(2)}}}};
+    return translated(transformed(own, lattice.grid.direction, lattice.unit_mm), lattice.to_patient(LatticePoint{}));
+  }
+};
+
 }  // namespace
 
 VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside) {
@@ -103,19 +147,14 @@ VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside) {
 TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context) {
   using exact::operator-;
   const auto& points = solid.boundary.points;
-  const double unit = solid.boundary.lattice.unit_mm;
+  const Lattice& lattice = solid.boundary.lattice;
+  const double unit = lattice.unit_mm;
   TetrahedraMeasures measures;
-
-  // 2^32 cells of at most 2^74 each: the sum fits.
-  Int128 six_volumes = 0;
-  for (const auto& [a, b, c, d] : std::span(solid.cells).first(solid.inside_count)) {
-    six_volumes += exact::six_volumes(points[a], points[b], points[c], points[d]);
-  }
-  measures.volume_mm3 = static_cast<double>(six_volumes) / 6 * unit * unit * unit;
 
   const auto adjacent = neighbours(solid.cells, points.size(), context);
   constexpr std::size_t kGrain = 1 << 16;
   struct Part {
+    LatticeMoments moments;
     double area = 0;
     std::uint64_t facets = 0;
   };
@@ -123,9 +162,10 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
   parallel_for(context, {}, solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
     Part& part = parts[begin / kGrain];
     for (std::size_t c = begin; c < end; ++c) {
+      const auto& t = solid.cells[c];
+      part.moments.add({points[t[0]], points[t[1]], points[t[2]], points[t[3]]});
       for (std::size_t i = 0; i < 4; ++i) {
         if (adjacent[c][i] < solid.inside_count) continue;
-        const auto& t = solid.cells[c];
         const LatticePoint p = points[t[(i + 1) % 4]];
         const auto u = points[t[(i + 2) % 4]] - p, v = points[t[(i + 3) % 4]] - p;
         // Components of the cross product are below 2^49, exact in double.
@@ -136,31 +176,55 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
       }
     }
   });
+  LatticeMoments moments;
   for (const Part& part : parts) {
+    moments += part.moments;
     measures.area_mm2 += part.area;
     measures.boundary_facets += part.facets;
   }
+  measures.volume_mm3 = static_cast<double>(moments.volume) / 6 * unit * unit * unit;
+  measures.moments = moments.on(lattice);
   measures.area_mm2 *= unit * unit;
   measures.topology = topology_of(solid, adjacent, measures.boundary_facets, context);
   return measures;
 }
 
-RadiusHistogram radius_histogram(std::span<const Sphere> spheres, std::size_t buckets) {
+RadiusHistogram radius_histogram(std::span<const Sphere> spheres, std::size_t buckets, RadiusScale scale) {
   if (buckets < 1 || buckets > 65536) {
     throw Error(ErrorCode::invalid_argument, "The number of buckets must be within 1 and 65536.",
                 {{"buckets", "must be 1 to 65536"}});
   }
-  RadiusHistogram histogram{.counts = std::vector<std::uint64_t>(buckets, 0)};
-  if (spheres.empty()) return histogram;
-  const auto [least, largest] = std::ranges::minmax(spheres, {}, &Sphere::radius);
-  histogram.min_mm = least.radius;
-  histogram.max_mm = largest.radius;
-  const double width = (histogram.max_mm - histogram.min_mm) / static_cast<double>(buckets);
+  const bool logarithmic = scale == RadiusScale::logarithmic;
+  RadiusHistogram histogram{.scale = scale, .counts = std::vector<std::uint64_t>(buckets, 0)};
+  double least = std::numeric_limits<double>::infinity(), most = 0;
   for (const Sphere& s : spheres) {
-    const double bucket = width > 0 ? (s.radius - histogram.min_mm) / width : 0;
+    if (logarithmic && !(s.radius > 0)) {
+      ++histogram.zero_radius;
+      continue;
+    }
+    least = std::min(least, s.radius), most = std::max(most, s.radius);
+  }
+  if (histogram.zero_radius == spheres.size()) return histogram;
+  histogram.min_mm = least;
+  histogram.max_mm = most;
+  const auto place = [&](double radius) { return logarithmic ? std::log(radius) : radius; };
+  const double from = place(least), width = (place(most) - from) / static_cast<double>(buckets);
+  for (const Sphere& s : spheres) {
+    if (logarithmic && !(s.radius > 0)) continue;
+    const double bucket = width > 0 ? (place(s.radius) - from) / width : 0;
     ++histogram.counts[std::min(static_cast<std::size_t>(bucket), buckets - 1)];
   }
   return histogram;
+}
+
+Observations observations(const SphereModel& model, double density_mm, double tetrahedra_volume_mm3,
+                          double spheres_volume_mm3) {
+  SPHERULE_CHECK(model.solid.has_value());
+  const BoundaryPoints& boundary = model.solid->boundary;
+  const auto points = static_cast<double>(boundary.points.size());
+  return {.excess_volume_mm3 = {.value = spheres_volume_mm3 - tetrahedra_volume_mm3,
+                                .bound = (points - 2) * 4 / 3 * std::numbers::pi * std::pow(density_mm, 3)},
+          .density_mm = {.value = density_mm, .bound = norm(boundary.lattice.grid.spacing) + boundary.lattice.unit_mm}};
 }
 
 }  // namespace spherule

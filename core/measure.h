@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Exact measures of a model: volume, area and topology, each for the representation that its name says.
+// Exact measures of a model: volume, area, moments and topology, each for the representation that its name says; the
+// radii of its spheres; and the paper's bounds.
 #pragma once
 
 #include <array>
@@ -11,6 +12,7 @@
 
 #include "core/base/context.h"
 #include "core/inside.h"
+#include "core/mass.h"
 #include "core/spheres.h"
 
 namespace spherule {
@@ -30,15 +32,12 @@ struct Topology {
 /// Of the union of the inside tetrahedra, as a closed simplicial complex (pieces that share a corner are one piece).
 struct TetrahedraMeasures {
   double volume_mm3 = 0;  ///< exact in lattice units (128-bit sum), rounded once
-  double area_mm2 = 0;    ///< of the facets between an inside cell and anything else
+  double area_mm2 = 0;    ///< of the facets between an inside cell and anything else; relative rounding below 1e-14
+  /// About the frame's origin. Exact in lattice units about the lattice's origin (128-bit sums), then moved: relative
+  /// error below 1e-15 times the squared ratio of the solid's distance from the frame's origin to its size.
+  Moments moments;
   std::uint64_t boundary_facets = 0;
   Topology topology;
-};
-
-/// Buckets are equal intervals of [min, max]; the last one is closed.
-struct RadiusHistogram {
-  double min_mm = 0, max_mm = 0;
-  std::vector<std::uint64_t> counts;
 };
 
 VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside);
@@ -46,7 +45,40 @@ VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside);
 /// O(cells); about 60 bytes a cell while it runs.
 TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context = {});
 
+enum class RadiusScale : std::uint8_t {
+  linear,       ///< equal intervals, as in the paper
+  logarithmic,  ///< equal ratios of radii
+};
+
+/// Buckets divide [min, max] evenly on their scale; the last one is closed.
+struct RadiusHistogram {
+  RadiusScale scale = RadiusScale::linear;
+  double min_mm = 0, max_mm = 0;
+  std::vector<std::uint64_t> counts;
+  std::uint64_t zero_radius = 0;  ///< logarithmic only: spheres that no bucket can hold
+};
+
 /// Throws invalid_argument unless buckets is within 1 … 65536. All counts 0 for an empty set. O(n).
-RadiusHistogram radius_histogram(std::span<const Sphere> spheres, std::size_t buckets = 40);
+RadiusHistogram radius_histogram(std::span<const Sphere> spheres, std::size_t buckets = 40,
+                                 RadiusScale scale = RadiusScale::linear);
+
+/// Something that the paper bounds, on one model.
+struct Observation {
+  double value = 0, bound = 0;
+  double slack() const { return bound - value; }
+};
+
+/// Of Ranjan and Fournier's observations about a raw model, those that its density δ decides.
+struct Observations {
+  /// Observation 3: the union of spheres is larger than the tetrahedra, but by less than N - 2 spheres of radius δ,
+  /// with N boundary points. value: V_S - V_T in mm³.
+  Observation excess_volume_mm3;
+  /// Observation 5: δ is at most the diagonal of a voxel (plus one lattice unit for rounding). value: δ in mm.
+  Observation density_mm;
+};
+
+/// From what has been measured already. Precondition: model.solid.
+Observations observations(const SphereModel& model, double density_mm, double tetrahedra_volume_mm3,
+                          double spheres_volume_mm3);
 
 }  // namespace spherule
