@@ -147,9 +147,10 @@ VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside) {
 TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context) {
   using exact::operator-;
   const auto& points = solid.boundary.points;
+  TetrahedraMeasures measures;
+  if (solid.inside_count == 0) return measures;
   const Lattice& lattice = solid.boundary.lattice;
   const double unit = lattice.unit_mm;
-  TetrahedraMeasures measures;
 
   const auto adjacent = neighbours(solid.cells, points.size(), context);
   constexpr std::size_t kGrain = 1 << 16;

@@ -15,6 +15,15 @@ namespace spherule {
 
 namespace {
 
+// The lattice's axes (rows of a rotation, a unit quaternion's): oblique to planes along the frame's axes, where objects
+// are cut by the border of their volume and a lattice parallel to it would count whole layers too many or too few.
+Mat3 lattice_axes() {
+  constexpr double w = 0.7853, x = 0.2718, y = 0.1414, z = 0.5381, scale = 1 / (w * w + x * x + y * y + z * z);
+  return {{scale * Vec3{w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)},
+           scale * Vec3{2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)},
+           scale * Vec3{2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z}}};
+}
+
 constexpr std::int64_t kLeaf = 64;
 constexpr std::size_t kTasks = 256;
 
@@ -155,8 +164,9 @@ LocalThickness local_thickness(std::span<const Sphere> balls, double volume_mm3,
   if (balls.empty() || !(volume_mm3 > 0)) return result;
 
   const std::vector<std::uint32_t> order = largest_first(balls);
+  const Mat3 axes = lattice_axes();
   Box box;
-  for (const Sphere& ball : balls) box.include(ball);
+  for (const Sphere& ball : balls) box.include(Sphere{axes * ball.centre, ball.radius});
   const Vec3 extent = box.max - box.min;
   // Far apart, few balls would need more lattice points along an axis than can be counted.
   constexpr double kMostSteps = 1 << 30;
@@ -165,7 +175,8 @@ LocalThickness local_thickness(std::span<const Sphere> balls, double volume_mm3,
   std::vector<LatticeBall> on_lattice;
   on_lattice.reserve(balls.size());
   for (const std::uint32_t b : order) {
-    on_lattice.push_back({(1 / step) * (balls[b].centre - box.min) - Vec3{0.5, 0.5, 0.5}, balls[b].radius / step});
+    on_lattice.push_back(
+        {(1 / step) * (axes * balls[b].centre - box.min) - Vec3{0.5, 0.5, 0.5}, balls[b].radius / step});
   }
   Block whole;
   whole.low = {0, 0, 0};

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/pipeline.h"
+#include "core/union.h"
 #include "tests/phantoms.h"
 
 namespace spherule {
@@ -177,6 +178,102 @@ TEST(Tetrahedra, OfNothingMeasureNothing) {
   EXPECT_EQ(measures.topology.betti, (std::array<std::int64_t, 3>{0, 0, 0}));
 }
 
+// Lattice points that make one solid: all cells of their hull are inside.
+Solid hull_of(std::vector<LatticePoint> points, const Grid& grid) {
+  Solid solid{.boundary = {.lattice = make_lattice(grid), .points = std::move(points)}, .cells = {}, .inside_count = 0};
+  solid.cells = tetrahedralize(solid.boundary.points);
+  solid.inside_count = solid.cells.size();
+  return solid;
+}
+
+// A turned and moved grid, far from the frame's origin.
+Grid turned_grid() {
+  return {.dims = {100, 100, 100},
+          .spacing = {0.5, 0.5, 0.5},
+          .origin = {200, -300, 400},
+          .direction = {{Vec3{0.6, 0, -0.8}, Vec3{0.8, 0, 0.6}, Vec3{0, -1, 0}}}};
+}
+
+TEST(Tetrahedra, OfABoxHaveItsMomentsOfInertia) {
+  std::vector<LatticePoint> corners;
+  const std::int32_t a = 3'000'000, b = 2'000'000, c = 1'000'000, at = 5'000'000;
+  for (int i = 0; i < 8; ++i) corners.push_back({at + (i & 1) * a, at + (i >> 1 & 1) * b, at + (i >> 2) * c});
+  const Solid solid = hull_of(corners, turned_grid());
+  const MassProperties mass = mass_properties(measure_tetrahedra(solid).moments);
+  const double u = solid.boundary.lattice.unit_mm, x = a * u, y = b * u, z = c * u, volume = x * y * z;
+  EXPECT_NEAR(mass.volume_mm3, volume, 1e-14 * volume);
+  const Vec3 middle = solid.boundary.lattice.to_patient(Vec3{at + a / 2.0, at + b / 2.0, at + c / 2.0});
+  EXPECT_NEAR(norm(mass.centroid_mm - middle), 0, 1e-11);
+  const std::array<double, 3> moments{volume / 12 * (y * y + z * z), volume / 12 * (x * x + z * z),
+                                      volume / 12 * (x * x + y * y)};
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(mass.principal_moments_mm5[i], moments[i], 1e-10 * moments[i]);
+    EXPECT_NEAR(std::abs(dot(mass.principal_axes.rows[i], solid.boundary.lattice.grid.direction.column(int(i)))), 1,
+                1e-12);
+  }
+}
+
+TEST(Tetrahedra, OfOneHaveItsMomentsOfInertia) {
+  const std::int32_t at = 100'000, a = 4'000'000, b = 3'000'000, c = 5'000'000;
+  const Grid grid{.dims = {3, 3, 3}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
+  const Solid solid = hull_of({{at, at, at}, {at + a, at, at}, {at, at + b, at}, {at, at, at + c}}, grid);
+  ASSERT_EQ(solid.inside_count, 1U);
+  const Moments own = transformed(
+      translated(measure_tetrahedra(solid).moments, -solid.boundary.lattice.to_patient(LatticePoint{at, at, at})),
+      Mat3{}, 1 / solid.boundary.lattice.unit_mm);
+  // About the corner: the integrals of x^i y^j z^k are a^(i+1) … i! j! k! / (i + j + k + 3)!.
+  const double volume = double(a) * b * c / 6;
+  EXPECT_NEAR(own.volume, volume, 1e-13 * volume);
+  for (const auto& [value, exact] :
+       {std::pair{own.first.x, volume * a / 4}, std::pair{own.first.z, volume * c / 4},
+        std::pair{own.second.rows[0].x, volume * a * a / 10}, std::pair{own.second.rows[1].y, volume * b * b / 10},
+        std::pair{own.second.rows[0].y, volume * a * b / 20}, std::pair{own.second.rows[2].y, volume * c * b / 20}}) {
+    EXPECT_NEAR(value, exact, 1e-11 * exact);
+  }
+}
+
+// The largest sums that the lattice allows.
+TEST(Tetrahedra, OfTheWholeLatticeDoNotOverflow) {
+  std::vector<LatticePoint> corners;
+  constexpr std::int32_t kLast = (1 << 24) - 1;
+  for (int i = 0; i < 8; ++i) corners.push_back({(i & 1) * kLast, (i >> 1 & 1) * kLast, (i >> 2) * kLast});
+  const Solid solid = hull_of(corners, turned_grid());
+  const MassProperties mass = mass_properties(measure_tetrahedra(solid).moments);
+  const double edge = kLast * solid.boundary.lattice.unit_mm, moment = std::pow(edge, 5) / 6;
+  EXPECT_NEAR(mass.volume_mm3, edge * edge * edge, 1e-14 * edge * edge * edge);
+  for (const double m : mass.principal_moments_mm5) EXPECT_NEAR(m, moment, 1e-11 * moment);
+}
+
+TEST(Tetrahedra, OfABallHaveItsInertia) {
+  const Volume volume = phantoms::sample(phantoms::ball({0.1, -0.2, 0.3}, 2), phantoms::cubic_grid(48, 6));
+  const auto model = build_model(volume, phantoms::threshold(0)).model;
+  const MassProperties mass = mass_properties(measure_tetrahedra(*model.solid).moments);
+  const double moment = 0.4 * mass.volume_mm3 * 4;
+  EXPECT_NEAR(norm(mass.centroid_mm - Vec3{0.1, -0.2, 0.3}), 0, 1e-3);
+  for (const double m : mass.principal_moments_mm5) EXPECT_NEAR(m, moment, 0.005 * moment);
+}
+
+TEST(Observations, HoldAndTheirSlackShrinks) {
+  for (const auto& [name, field] : {std::pair{"ball", phantoms::ball({0.02, 0.01, 0}, 1)},
+                                    std::pair{"torus", phantoms::torus({0.02, 0.01, 0}, 0.8, 0.3)},
+                                    std::pair{"cylinder", phantoms::capped_cylinder({0, 0, 0}, 0.7, 0.9)}}) {
+    double slack = 0;
+    for (const std::int32_t n : {16, 32, 64}) {
+      const BuiltModel built = build_model(phantoms::sample(field, phantoms::cubic_grid(n, 3)), phantoms::threshold(0));
+      const double tetrahedra = measure_tetrahedra(*built.model.solid).volume_mm3;
+      const Observations o = observations(built.model, built.boundary_point_density_mm, tetrahedra,
+                                          measure_union(built.model).moments.volume);
+      EXPECT_GT(o.excess_volume_mm3.value, 0) << name << n;
+      EXPECT_GT(o.excess_volume_mm3.slack(), 0) << name << n;
+      EXPECT_GE(o.density_mm.slack(), 0) << name << n;
+      if (n > 16) {
+        EXPECT_LT(o.excess_volume_mm3.slack(), 0.75 * slack) << name << n;
+      }
+      slack = o.excess_volume_mm3.slack();
+    }
+  }
+}
+
 TEST(Voxels, AreCountedAndWeighed) {
   const Volume volume =
       phantoms::noise({.dims = {70, 3, 2}, .spacing = {0.5, 2, 3}, .origin = {}, .direction = {}}, 2, 1);
@@ -185,6 +282,20 @@ TEST(Voxels, AreCountedAndWeighed) {
   EXPECT_EQ(measures.count, samples.inside.count());
   EXPECT_GT(measures.count, 100U);
   EXPECT_EQ(measures.volume_mm3, 3.0 * static_cast<double>(measures.count));
+}
+
+TEST(RadiusHistogram, DividesRatiosEvenlyOnALogarithmicScale) {
+  std::vector<Sphere> spheres;
+  for (const double r : {0.0, 1.0, 1.9, 2.1, 3.9, 4.1, 8.1, 15.9, 16.0, 0.0}) spheres.push_back({{}, r});
+  const auto histogram = radius_histogram(spheres, 4, RadiusScale::logarithmic);
+  EXPECT_EQ(histogram.min_mm, 1);
+  EXPECT_EQ(histogram.max_mm, 16);
+  EXPECT_EQ(histogram.counts, (std::vector<std::uint64_t>{2, 2, 1, 3}));
+  EXPECT_EQ(histogram.zero_radius, 2U);
+  const auto points = radius_histogram(std::span(spheres).first(1), 2, RadiusScale::logarithmic);
+  EXPECT_EQ(points.counts, (std::vector<std::uint64_t>{0, 0}));
+  EXPECT_EQ(points.zero_radius, 1U);
+  EXPECT_EQ(radius_histogram({}, 2, RadiusScale::logarithmic).zero_radius, 0U);
 }
 
 TEST(RadiusHistogram, PutsEveryRadiusInItsBucket) {
