@@ -7,7 +7,9 @@
 #include <openvdb/tools/Dense.h>
 
 #include <algorithm>
+#include <cstring>
 #include <fstream>
+#include <sstream>
 
 #include "core/io/read_bytes.h"
 
@@ -50,6 +52,11 @@ class Stream {
     return s;
   }
 
+  /// Throws when so many bytes do not follow.
+  void need(std::uint64_t bytes) {
+    if (bytes > size_ - static_cast<std::uint64_t>(position())) fail_damaged();
+  }
+
   void skip(std::uint64_t bytes) {
     need(bytes);
     in_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
@@ -63,10 +70,6 @@ class Stream {
   std::int64_t position() { return in_.tellg(); }
 
  private:
-  void need(std::uint64_t bytes) {
-    if (bytes > size_ - static_cast<std::uint64_t>(position())) fail_damaged();
-  }
-
   std::uint64_t size_;
   std::ifstream in_;
 };
@@ -205,24 +208,32 @@ void place(Volume& volume, std::array<std::int32_t, 3> dims, const openvdb::math
   volume.grid = grid_from_affine(dims, axes, {origin.x(), origin.y(), origin.z()});
 }
 
-// The nodes of a tree, without the values of its leaves. OpenVDB's own functions for this lose what they have read, or
-// crash, when they meet a damaged node: here every node is whole at any time and belongs to somebody.
+// Reads a tree, first its nodes, then the values of its leaves. OpenVDB's own functions for this lose what they have
+// read, or crash, when they meet a damaged node: here every node is whole at any time and belongs to somebody. OpenVDB
+// also reads as many packed values as a length in the file says, whatever the room for them: it only gets blocks that
+// are as long as its nodes need, from memory.
 template <typename Tree>
-class TopologyReader {
+class TreeReader {
   using Root = typename Tree::RootNodeType;
   using Leaf = typename Tree::LeafNodeType;
   using Value = typename Tree::ValueType;
   using Stored = std::conditional_t<std::is_same_v<Value, bool>, std::uint8_t, Value>;
 
  public:
-  TopologyReader(Stream& stream, bool from_half, const ReadLimits& limits)
-      : stream_(stream), from_half_(from_half), max_bytes_(limits.max_bytes) {}
+  /// `prepare` tells OpenVDB what it needs to know about a stream of this grid.
+  template <typename Prepare>
+  TreeReader(Stream& stream, const Descriptor& grid, std::uint32_t compression, const ReadLimits& limits,
+             Prepare prepare)
+      : stream_(stream), from_half_(grid.half), compression_(compression), max_bytes_(limits.max_bytes) {
+    block_.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
+    prepare(block_);
+  }
 
-  void read(Root& root) {
+  void read_topology(Root& root) {
     if (stream_.value<std::int32_t>() != 1) fail_damaged();  // buffers of a leaf
     root.setBackground(value(), /*updateChildNodes=*/false);
     background_ = root.background();
-    openvdb::io::setGridBackgroundValuePtr(stream_.in(), &root.background());
+    openvdb::io::setGridBackgroundValuePtr(block_, &background_);
     const std::uint64_t tiles = stream_.value<std::uint32_t>();
     const std::uint64_t children = stream_.value<std::uint32_t>();
     for (std::uint64_t i = 0; i < tiles; ++i) {
@@ -231,6 +242,14 @@ class TopologyReader {
       root.addTile(origin, v, stream_.value<char>() != 0);
     }
     for (std::uint64_t i = 0; i < children; ++i) root.addChild(node<typename Root::ChildNodeType>(coord()).release());
+  }
+
+  /// The leaves are in the order of the nodes.
+  void read_leaves(Root& root, const Context& context) {
+    for (auto child = root.beginChildOn(); child; ++child) {
+      read_leaves_of(*child);
+      context.throw_if_cancelled();
+    }
   }
 
  private:
@@ -264,7 +283,10 @@ class TopologyReader {
       if (!(child_mask & value_mask).isOff()) fail_damaged();
       {
         const auto values = std::make_unique<Value[]>(Node::NUM_VALUES);
-        openvdb::io::readCompressedValues(stream_.in(), values.get(), Node::NUM_VALUES, value_mask, from_half_);
+        std::string bytes;
+        take_values(bytes, value_mask);
+        block_.str(std::move(bytes));
+        openvdb::io::readCompressedValues(block_, values.get(), Node::NUM_VALUES, value_mask, from_half_);
         for (auto n = child_mask.beginOff(); n; ++n) made->addTile(n.pos(), values[n.pos()], value_mask.isOn(n.pos()));
       }
       for (auto n = child_mask.beginOn(); n; ++n) {
@@ -274,10 +296,77 @@ class TopologyReader {
     }
   }
 
+  template <typename Node>
+  void read_leaves_of(Node& node) {
+    if constexpr (std::is_same_v<Node, Leaf>) {
+      typename Leaf::NodeMaskType mask;
+      std::string bytes;
+      take(bytes, mask.memUsage());
+      if constexpr (std::is_same_v<Value, bool>) {
+        take(bytes, 3 * sizeof(std::int32_t) + mask.memUsage());  // its origin, and a bit a voxel
+      } else {
+        block_.str(bytes);
+        mask.load(block_);
+        take_values(bytes, mask);
+      }
+      block_.str(std::move(bytes));
+      node.readBuffers(block_, from_half_);
+    } else {
+      for (auto child = node.beginChildOn(); child; ++child) read_leaves_of(*child);
+    }
+  }
+
+  void take(std::string& bytes, std::size_t count) {
+    const std::size_t at = bytes.size();
+    bytes.resize(at + count);
+    stream_.in().read(bytes.data() + at, static_cast<std::streamsize>(count));
+  }
+
+  // The values of a node as they are in the file, where packed ones must be as many as the node holds.
+  template <typename Mask>
+  void take_values(std::string& bytes, const Mask& active) {
+    using namespace openvdb::io;
+    const std::size_t start = bytes.size();
+    take(bytes, 1);
+    const char form = bytes[start];
+    const bool two = form == MASK_AND_TWO_INACTIVE_VALS;
+    const bool one = form == NO_MASK_AND_ONE_INACTIVE_VAL || form == MASK_AND_ONE_INACTIVE_VAL;
+    take(bytes, (two ? 2 : one ? 1 : 0) * sizeof(Value));
+    if (two || form == MASK_AND_NO_INACTIVE_VALS || form == MASK_AND_ONE_INACTIVE_VAL) take(bytes, active.memUsage());
+
+    const bool only_active = (compression_ & COMPRESS_ACTIVE_MASK) != 0 && form != NO_MASK_AND_ALL_VALS;
+    const bool halved = from_half_ && std::is_floating_point_v<Value>;
+    const std::size_t count = only_active ? active.countOn() : Mask::SIZE;
+    const auto expected = static_cast<std::int64_t>(count * (halved ? 2 : sizeof(Value)));
+    if (halved && count == 0) return;
+    if ((compression_ & (COMPRESS_BLOSC | COMPRESS_ZIP)) == 0) return take(bytes, static_cast<std::size_t>(expected));
+    const std::size_t at = bytes.size();
+    take(bytes, sizeof(std::int64_t));
+    std::int64_t length;  // negated where the values were not worth packing
+    std::memcpy(&length, &bytes[at], sizeof length);
+    if (length <= 0) {
+      if (length != -expected) fail_damaged();
+      return take(bytes, static_cast<std::size_t>(expected));
+    }
+    stream_.need(static_cast<std::uint64_t>(length));
+    take(bytes, static_cast<std::size_t>(length));
+    if (compression_ & COMPRESS_BLOSC) check_blosc(std::string_view(bytes).substr(at + sizeof length), expected);
+  }
+
+  // Blosc believes what its own header says about the sizes of the packed bytes and of what they become.
+  static void check_blosc(std::string_view packed, std::int64_t expected) {
+    std::array<std::uint32_t, 4> header;  // versions and flags, unpacked bytes, bytes of a part, packed bytes
+    if (packed.size() < sizeof header) fail_damaged();
+    std::memcpy(&header, packed.data(), sizeof header);
+    if (header[1] != expected || header[3] != packed.size()) fail_damaged();
+  }
+
   Stream& stream_;
   bool from_half_;
+  std::uint32_t compression_;
   std::size_t max_bytes_, bytes_ = 0;
   Value background_{};
+  std::istringstream block_;
 };
 
 template <typename GridType>
@@ -285,7 +374,6 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
                const ReadOptions& options, const Context& context) {
   using Value = typename GridType::ValueType;
   using Stored = std::conditional_t<std::is_same_v<Value, bool>, std::uint8_t, Value>;
-  std::istream& in = stream.in();
   stream.seek(descriptor.position);
   const auto compression = stream.value<std::uint32_t>();
   const openvdb::GridClass grid_class = read_metadata(stream);
@@ -298,20 +386,24 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   stream.seek(transform_position);
 
   auto metadata = std::make_shared<openvdb::io::StreamMetadata>();
-  openvdb::io::setStreamMetadataPtr(in, metadata, /*transfer=*/false);
-  openvdb::io::setVersion(in, file.library, file.version);
-  openvdb::io::setDataCompression(in, compression);
-  openvdb::io::setGridClass(in, grid_class);
-  openvdb::io::setHalfFloat(in, descriptor.half);
-  openvdb::io::setGridBackgroundValuePtr(in, nullptr);
+  const auto prepare = [&](std::istream& of_grid) {
+    openvdb::io::setStreamMetadataPtr(of_grid, metadata, /*transfer=*/false);
+    openvdb::io::setVersion(of_grid, file.library, file.version);
+    openvdb::io::setDataCompression(of_grid, compression);
+    openvdb::io::setGridClass(of_grid, grid_class);
+    openvdb::io::setHalfFloat(of_grid, descriptor.half);
+    openvdb::io::setGridBackgroundValuePtr(of_grid, nullptr);
+  };
+  prepare(stream.in());
   // Made by the library, and all that is virtual called through the base: to compile a grid's every function here would
   // take minutes.
   const openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(descriptor.type);
   const openvdb::TreeBase& base = grid->baseTree();
   auto& tree = openvdb::gridPtrCast<GridType>(grid)->tree();
   grid->setSaveFloatAsHalf(descriptor.half);
-  grid->readTransform(in);
-  TopologyReader<typename GridType::TreeType>(stream, descriptor.half, options.limits).read(tree.root());
+  grid->readTransform(stream.in());
+  TreeReader<typename GridType::TreeType> reader(stream, descriptor, compression, options.limits, prepare);
+  reader.read_topology(tree.root());
 
   openvdb::CoordBBox box;
   if (!base.evalActiveVoxelBoundingBox(box)) {
@@ -333,7 +425,7 @@ void read_grid(Volume& volume, Stream& stream, const File& file, const Descripto
   checked_dims({std::max<std::int64_t>(base.leafCount(), 1), 512, 1}, volume.type, options.limits);
   context.throw_if_cancelled();
   context.report("read", 0.2);
-  grid->readBuffers(in);
+  reader.read_leaves(tree.root(), context);
   context.throw_if_cancelled();
   context.report("read", 0.8);
 

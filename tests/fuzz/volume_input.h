@@ -17,7 +17,7 @@
 
 namespace spherule::fuzz {
 
-/// A folder in memory with the file "doe" (the input) and, for headers that name a data file, "data" of 256 bytes.
+/// A folder in memory with the file "jane-doe" (the input) and, for headers that name a data file, "data" of 256 bytes.
 class Folder {
  public:
   Folder() : path_("/dev/shm/spherule-fuzz-" + std::to_string(getpid())) {
@@ -29,9 +29,9 @@ class Folder {
   Folder& operator=(const Folder&) = delete;
 
   std::vector<std::filesystem::path> with(const std::uint8_t* data, std::size_t size) const {
-    std::ofstream(path_ / "doe", std::ios::binary)
+    std::ofstream(path_ / "jane-doe", std::ios::binary)
         .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
-    return {path_ / "doe", path_ / "data"};
+    return {path_ / "jane-doe", path_ / "data"};
   }
 
  private:
@@ -65,7 +65,7 @@ inline void check_read(const std::vector<std::filesystem::path>& files, const Re
     }
   } catch (const Error& error) {
     const std::string sentence = error.what();
-    require(sentence.ends_with('.') && sentence.find("doe") == std::string::npos &&
+    require(sentence.ends_with('.') && sentence.find("jane") == std::string::npos &&
             sentence.find("/dev") == std::string::npos && sentence.find('\n') == std::string::npos);
   }
 }

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <sstream>
 #include <type_traits>
@@ -227,6 +228,44 @@ TEST(OpenVdb, RefusesCutFiles) {
     for (std::size_t size = 12; size < bytes.size(); size += 1 + bytes.size() / 200) {
       const TempFolder folder;
       expect_refused({folder.add("doe.vdb", bytes.substr(0, size))}, ErrorCode::malformed);
+    }
+  }
+}
+
+// Found by fuzzing: a length before packed values that claims far more than the node has room for, in a file that
+// really goes on for so long. OpenVDB alone would write all of it over whatever lies behind the node.
+TEST(OpenVdb, RefusesMoreValuesThanANodeHasRoomFor) {
+  for (const bool half : {false, true}) {
+    for (const std::uint32_t compression : kCompressions) {
+      if (compression == vdb::io::COMPRESS_NONE) continue;
+      const auto grid = telling_grid<vdb::FloatGrid>();
+      grid->setSaveFloatAsHalf(half);
+      const std::string bytes = vdb_bytes({grid}, compression);
+      constexpr std::size_t kMore = std::size_t{1} << 20;
+      const TempFolder folder;
+      const auto file = folder.add("doe.vdb", bytes + std::string(2 * kMore, '\1'));
+      std::size_t lengths = 0;
+      // Whatever may be such a length, which is negated where the values are not packed after all.
+      for (std::size_t at = 8; at + 8 < bytes.size(); ++at) {
+        std::int64_t length = 0;
+        std::memcpy(&length, &bytes[at], sizeof length);
+        if (length == 0 || std::abs(length) > 4096) continue;
+        for (const std::int64_t lie : {-static_cast<std::int64_t>(kMore), static_cast<std::int64_t>(kMore)}) {
+          const auto put = [&](std::int64_t v) {
+            std::fstream(file, std::ios::binary | std::ios::in | std::ios::out)
+                .seekp(static_cast<long>(at))
+                .write(reinterpret_cast<const char*>(&v), sizeof v);
+          };
+          put(lie);
+          try {
+            read_volume({file});
+          } catch (const Error& error) {
+            lengths += error.code() == ErrorCode::malformed;
+          }
+          put(length);
+        }
+      }
+      EXPECT_GE(lengths, 2U) << "at least one leaf";
     }
   }
 }
