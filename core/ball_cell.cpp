@@ -215,7 +215,7 @@ bool BallCell::cut(Vec3 normal, double offset) {
 }
 
 std::uint32_t BallCell::cut_edge(std::uint32_t kept, std::uint32_t removed) {
-  for (std::uint32_t c = 0; c < cuts_.size(); ++c)
+  for (auto c = static_cast<std::uint32_t>(cuts_.size()); c-- > 0;)
     if (cuts_[c].kept == kept && cuts_[c].removed == removed) return c;
   const double low = heights_[kept], high = heights_[removed];
   const double t = std::clamp(low / (low - high), 0.0, 1.0);

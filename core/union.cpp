@@ -61,7 +61,23 @@ bool add_rival(const Sphere& ball, const Sphere& other, std::uint32_t number, st
 struct Workshop {
   BallCell cell;
   std::vector<Rival> rivals;
+  std::vector<std::size_t> nearby;
 };
+
+// Neighbours in the tree's order ask it together.
+constexpr std::size_t kTogether = 8;
+
+// Places in the tree's order, as `boxes` are, whose boxes overlap the box of all at [begin, end).
+void find_nearby(const BoxTree& tree, std::span<const Box> boxes, std::size_t begin, std::size_t end,
+                 std::vector<std::size_t>& nearby) {
+  Box together;
+  for (std::size_t n = begin; n < end; ++n) {
+    together.include(boxes[n].min);
+    together.include(boxes[n].max);
+  }
+  nearby.clear();
+  tree.for_each_overlap(together, [&](std::size_t place) { nearby.push_back(place); });
+}
 
 // Cuts by the planes nearest to the pivot, a point of the cell, first: most others then lie beyond what is left.
 bool cut_by_rivals(Workshop& shop, Vec3 pivot) {
@@ -277,25 +293,29 @@ class RawUnion {
   void add_caps(UnionMeasures& result) {
     const BoxTree tree(boxes_);
     std::vector<Cap> caps(caps_.size());
-    for (std::size_t n = 0; n < caps.size(); ++n) caps[n] = caps_[tree.order()[n]];
-    caps_.clear();
-    caps_.shrink_to_fit();
+    std::vector<Box> boxes(caps_.size());
+    for (std::size_t n = 0; n < caps.size(); ++n) {
+      caps[n] = caps_[tree.order()[n]];
+      boxes[n] = boxes_[tree.order()[n]];
+    }
     std::vector<BallPart> parts(caps.size());
     auto pieces = one_a_piece<Moments>(caps.size());
     parallel_for(context_, "union", caps.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       Workshop shop;
       for (std::size_t n = begin; n < end; ++n) {
+        if (n % kTogether == 0) find_nearby(tree, boxes, n, std::min(end, n + kTogether), shop.nearby);
         const Cap& cap = caps[n];
         const Sphere& ball = cap.ball;
-        const Box& box = boxes_[tree.order()[n]];
+        const Box& box = boxes[n];
         const Facet base = facet(cap.cell, cap.facet);
         if (!start_cell(cap, box, base, shop.cell)) continue;
         shop.rivals.clear();
         bool hidden = false;
-        tree.for_each_overlap(box, [&](std::size_t o) {
+        for (const std::size_t o : shop.nearby) {
           const Cap& other = caps[o];
-          if (other.group != cap.group) hidden |= add_rival(ball, other.ball, cap.group, other.group, shop.rivals);
-        });
+          if (other.group == cap.group || !overlap(box, boxes[o])) continue;
+          hidden |= add_rival(ball, other.ball, cap.group, other.group, shop.rivals);
+        }
         if (hidden || !cut_by_rivals(shop, base.middle() - ball.centre)) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
         parts[n] = {piece.moments.volume, piece.area, piece.push};
@@ -357,20 +377,25 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
   const Vec3 origin = middle(all);
   const BoxTree tree(boxes);
   std::vector<Sphere> sorted(solid_balls.size());
-  for (std::size_t n = 0; n < sorted.size(); ++n) sorted[n] = balls[solid_balls[tree.order()[n]]];
+  std::vector<Box> sorted_boxes(solid_balls.size());
+  for (std::size_t n = 0; n < sorted.size(); ++n) {
+    sorted[n] = balls[solid_balls[tree.order()[n]]];
+    sorted_boxes[n] = boxes[tree.order()[n]];
+  }
   auto pieces = one_a_piece<Moments>(sorted.size());
   parallel_for(context, "union", sorted.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     Workshop shop;
     for (std::size_t n = begin; n < end; ++n) {
+      if (n % kTogether == 0) find_nearby(tree, sorted_boxes, n, std::min(end, n + kTogether), shop.nearby);
       const Sphere& ball = sorted[n];
       const std::uint32_t i = solid_balls[tree.order()[n]];
       shop.rivals.clear();
       bool hidden = false;
-      tree.for_each_overlap(boxes[tree.order()[n]], [&](std::size_t o) {
+      for (const std::size_t o : shop.nearby) {
         const double reach = ball.radius + sorted[o].radius;
-        if (o == n || hidden || squared_norm(sorted[o].centre - ball.centre) >= reach * reach) return;
-        hidden = add_rival(ball, sorted[o], i, solid_balls[tree.order()[o]], shop.rivals);
-      });
+        if (o == n || squared_norm(sorted[o].centre - ball.centre) >= reach * reach) continue;
+        hidden |= add_rival(ball, sorted[o], i, solid_balls[tree.order()[o]], shop.rivals);
+      }
       if (hidden) continue;
       shop.cell.reset(moved(box_of(ball), -ball.centre));
       if (!cut_by_rivals(shop, {})) continue;
