@@ -49,52 +49,38 @@ Chord chord(Vec3 from, Vec3 to, double radius_squared) {
           .crosses = true};
 }
 
-// The integrals of 1, x and x·xᵀ over a part of a plane about a point of it, summed along the part's outline.
-struct PlaneMoments {
-  double area = 0;
-  Vec3 first;
-  Mat3 second{{Vec3{}, Vec3{}, Vec3{}}};
+// A point of a face's plane, in coordinates about the foot of the ball's centre.
+struct Flat {
+  double x = 0, y = 0;
 };
+double flat_dot(Flat p, Flat q) { return p.x * q.x + p.y * q.y; }
+double flat_cross(Flat p, Flat q) { return p.x * q.y - p.y * q.x; }
 
-// The triangle of the origin and one straight piece of the outline.
-void add_segment(PlaneMoments& m, Vec3 normal, Vec3 p, Vec3 q) {
-  const double area = dot(normal, cross(p, q)) / 2;
-  m.area += area;
-  m.first = m.first + (area / 3) * (p + q);
-  add_outer(m.second, area / 12, p, p);
-  add_outer(m.second, area / 12, q, q);
-  add_outer(m.second, area / 12, p + q, p + q);
-}
-
-// The sector of an arc about the origin from p to q. With u the unit vector to a point of the arc and v = normal × u,
-// u·uᵀ is half the plane's identity less the derivative of (u·vᵀ + v·uᵀ) / 4.
-void add_arc(PlaneMoments& m, Vec3 normal, double disk_squared, Vec3 p, Vec3 q, double angle) {
-  m.area += disk_squared * angle / 2;
-  m.first = m.first + (disk_squared / 3) * cross(q - p, normal);
-  const double w = disk_squared / 4;
-  const auto add_ends = [&](double weight, Vec3 u) {
-    const Vec3 v = cross(normal, u);
-    add_outer(m.second, weight, u, v);
-    add_outer(m.second, weight, v, u);
-  };
-  add_ends(-w / 4, q);
-  add_ends(w / 4, p);
-  const double isotropic = w * disk_squared * angle / 2;
-  for (int i = 0; i < 3; ++i) m.second.rows[static_cast<std::size_t>(i)][i] += isotropic;
-  add_outer(m.second, -isotropic, normal, normal);
-}
-
-// Outline of a convex polygon within a disk about the origin, put together from straight pieces and arcs.
+// Outline of a convex polygon within a disk about the foot, put together from straight pieces and arcs, and the
+// integrals of 1, x and x·xᵀ over what it surrounds: sums over triangles and sectors between the foot and its pieces.
 class Outline {
  public:
-  Outline(Vec3 normal, double disk_squared) : normal_(normal), disk_squared_(disk_squared) {}
+  Outline(Vec3 normal, double disk_squared) : disk_squared_(disk_squared) {
+    const Vec3 any = std::abs(normal.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
+    right_ = normalised(cross(any, normal));
+    up_ = cross(normal, right_);
+  }
 
-  void segment(Vec3 p, Vec3 q) {
-    add_segment(moments_, normal_, p, q);
-    straight_squared_ = std::max(straight_squared_, squared_norm(q - p));
+  void segment(Vec3 from, Vec3 to) {
+    const Flat p = flat(from), q = flat(to), both{p.x + q.x, p.y + q.y};
+    const double area = flat_cross(p, q) / 2;
+    area_ += area;
+    first_.x += area / 3 * both.x;
+    first_.y += area / 3 * both.y;
+    second_[0] += area / 12 * (p.x * p.x + q.x * q.x + both.x * both.x);
+    second_[1] += area / 12 * (p.x * p.y + q.x * q.y + both.x * both.y);
+    second_[2] += area / 12 * (p.y * p.y + q.y * q.y + both.y * both.y);
+    const Flat piece{q.x - p.x, q.y - p.y};
+    straight_squared_ = std::max(straight_squared_, flat_dot(piece, piece));
     ++segments_;
   }
-  void enter(Vec3 p) {
+  void enter(Vec3 where) {
+    const Flat p = flat(where);
     if (left_) {
       arc(exit_, p);
       left_ = false;
@@ -102,10 +88,11 @@ class Outline {
       first_entry_ = p;
     }
   }
-  void leave(Vec3 p) {
-    exit_ = p;
+  void leave(Vec3 where) {
+    exit_ = flat(where);
     left_ = true;
   }
+  // Closes an outline that has any straight piece.
   void close() {
     if (left_) arc(exit_, first_entry_);
   }
@@ -114,13 +101,19 @@ class Outline {
   bool may_lack_circle() const { return doubtful_ && straight_squared_ < disk_squared_ / 4; }
   void whole_circle() { arc({}, {}, kTwoPi); }
 
-  const PlaneMoments& moments() const { return moments_; }
+  double area() const { return area_; }
+  Vec3 first() const { return first_.x * right_ + first_.y * up_; }  // about the foot
+  void add_second(Mat3& sum, double weight) const {
+    add_outer(sum, weight, right_, second_[0] * right_ + second_[1] * up_);
+    add_outer(sum, weight, up_, second_[1] * right_ + second_[2] * up_);
+  }
   double arcs() const { return arcs_; }  // their angles together
   std::uint32_t segments() const { return segments_; }
 
  private:
-  void arc(Vec3 p, Vec3 q) {
-    double angle = std::atan2(dot(normal_, cross(p, q)), dot(p, q));
+  Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
+  void arc(Flat p, Flat q) {
+    double angle = std::atan2(flat_cross(p, q), flat_dot(p, q));
     if (std::abs(angle) < 0x1p-20) {
       doubtful_ = true;
     } else if (angle < 0) {
@@ -128,16 +121,27 @@ class Outline {
     }
     arc(p, q, angle);
   }
-  void arc(Vec3 p, Vec3 q, double angle) {
-    add_arc(moments_, normal_, disk_squared_, p, q, angle);
+  // With u the unit vector to a point of the arc and v that turned by a right angle, u·uᵀ is half the identity less the
+  // derivative of (u·vᵀ + v·uᵀ) / 4 by the angle.
+  void arc(Flat p, Flat q, double angle) {
     arcs_ += angle;
+    area_ += disk_squared_ * angle / 2;
+    first_.x += disk_squared_ / 3 * (q.y - p.y);
+    first_.y -= disk_squared_ / 3 * (q.x - p.x);
+    const double weight = disk_squared_ / 8, isotropic = weight * disk_squared_ * angle;
+    const double turned = weight * (q.x * q.y - p.x * p.y);
+    second_[0] += isotropic + turned;
+    second_[1] += weight / 2 * ((p.x * p.x - p.y * p.y) - (q.x * q.x - q.y * q.y));
+    second_[2] += isotropic - turned;
   }
 
-  Vec3 normal_;
+  Vec3 right_, up_;
   double disk_squared_;
-  PlaneMoments moments_;
+  double area_ = 0;
+  Flat first_;
+  std::array<double, 3> second_{};  // xx, xy, yy
   double arcs_ = 0, straight_squared_ = 0;
-  Vec3 first_entry_, exit_;
+  Flat first_entry_, exit_;
   bool left_ = false, doubtful_ = false;
   std::uint32_t segments_ = 0;
 };
@@ -157,11 +161,11 @@ void BallCell::start(Vec3 pivot) {
   tolerance_ = 0x1p-42 * std::sqrt(largest);
 }
 
-void BallCell::reset(const Box& ball_box, Vec3 pivot) {
-  const Vec3 size = ball_box.max - ball_box.min;
+void BallCell::reset(const Box& part, Vec3 pivot) {
+  const Vec3 size = part.max - part.min;
   const double margin = 0x1p-6 * std::max({size.x, size.y, size.z});
   const Vec3 m{margin, margin, margin};
-  const std::array<Vec3, 2> ends{ball_box.min - m, ball_box.max + m};
+  const std::array<Vec3, 2> ends{part.min - m, part.max + m};
   corners_.clear();
   for (std::size_t c = 0; c < 8; ++c) corners_.push_back({ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z});
   loops_ = {0, 4, 6, 2, 1, 3, 7, 5, 0, 1, 5, 4, 2, 6, 7, 3, 0, 2, 3, 1, 4, 5, 7, 6};
@@ -173,6 +177,19 @@ void BallCell::reset(const Box& ball_box, Vec3 pivot) {
     faces_.push_back(face);
   }
   start(pivot);
+}
+
+void BallCell::reset(double radius) {
+  // The regular tetrahedron around a slightly larger ball.
+  const double far = 1.01 * std::numbers::sqrt3 * radius, near = 1.01 * radius, n = 1 / std::numbers::sqrt3;
+  corners_ = {{far, far, far}, {far, -far, -far}, {-far, far, -far}, {-far, -far, far}};
+  loops_ = {1, 3, 2, 0, 2, 3, 0, 3, 1, 0, 1, 2};
+  faces_.clear();
+  faces_.push_back({{-n, -n, -n}, near, 0, 3});
+  faces_.push_back({{-n, n, n}, near, 3, 6});
+  faces_.push_back({{n, -n, n}, near, 6, 9});
+  faces_.push_back({{n, n, -n}, near, 9, 12});
+  start({});
 }
 
 void BallCell::reset(const std::array<Vec3, 3>& base, Vec3 apex, double scale, Vec3 centre, Vec3 pivot) {
@@ -381,26 +398,26 @@ BallPiece BallCell::measure(double ball_radius) const {
       const Vec3 p = corners_[a], q = corners_[b];
       const std::uint32_t low = std::min(a, b), high = std::max(a, b);
       if (in_ball_[a] && in_ball_[b]) {
-        outline.segment(p - foot, q - foot);
+        outline.segment(p, q);
       } else if (in_ball_[a]) {
         const Vec3 x = passage(p, q, radius_squared);
-        outline.segment(p - foot, x - foot);
-        outline.leave(x - foot);
+        outline.segment(p, x);
+        outline.leave(x);
         const std::uint32_t e = crossed_by(low, high);
         e == kNone ? remember(low, high, f) : turn(x, face, faces_[crossed_[e].face]);
       } else if (in_ball_[b]) {
         const Vec3 x = passage(q, p, radius_squared);
-        outline.enter(x - foot);
-        outline.segment(x - foot, q - foot);
+        outline.enter(x);
+        outline.segment(x, q);
         const std::uint32_t e = crossed_by(low, high);
         e == kNone ? remember(low, high, f) : turn(x, faces_[crossed_[e].face], face);
       } else {
         const Chord both = chord(corners_[low], corners_[high], radius_squared);
         if (both.crosses) {
           const Vec3 in = a == low ? both.first : both.second, out = a == low ? both.second : both.first;
-          outline.enter(in - foot);
-          outline.segment(in - foot, out - foot);
-          outline.leave(out - foot);
+          outline.enter(in);
+          outline.segment(in, out);
+          outline.leave(out);
           const std::uint32_t e = crossed_by(low, high);
           if (e == kNone) {
             remember(low, high, f);
@@ -423,17 +440,16 @@ BallPiece BallCell::measure(double ball_radius) const {
     ++flat_parts;
     segments += outline.segments();
     bending += face.offset / radius * outline.arcs();
-    const PlaneMoments& m = outline.moments();
-    const Vec3 first = m.area * foot + m.first;
-    height_areas += face.offset * m.area;
-    push = push - m.area * face.normal;
+    const double flat_area = outline.area();
+    const Vec3 about_foot = outline.first(), first = flat_area * foot + about_foot;
+    height_areas += face.offset * flat_area;
+    push = push - flat_area * face.normal;
     bent_normals = bent_normals + outline.arcs() * face.normal;
     height_first = height_first + face.offset * first;
     add_outer(normal_first, 1, face.normal, first);
-    add_outer(height_second, face.offset * m.area, foot, foot);
-    add_outer(height_second, face.offset, foot, m.first);
-    add_outer(height_second, face.offset, m.first, foot);
-    for (std::size_t i = 0; i < 3; ++i) height_second.rows[i] = height_second.rows[i] + face.offset * m.second.rows[i];
+    add_outer(height_second, face.offset, foot, first);
+    add_outer(height_second, face.offset, about_foot, foot);
+    outline.add_second(height_second, face.offset);
   }
   // No flat part: the ball is within the cell or beyond it.
   if (flat_parts == 0 && !holds_centre) return {};

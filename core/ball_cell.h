@@ -23,8 +23,11 @@ struct BallPiece {
 /// balls: it keeps its memory. Not thread safe.
 class BallCell {
  public:
-  /// Starts over with a box that holds `ball_box` with a margin, so that no side of it touches what is in ball_box.
-  void reset(const Box& ball_box, Vec3 pivot = {});
+  /// Starts over with a polyhedron that holds the whole ball of this radius. The pivot is its centre.
+  void reset(double radius);
+
+  /// Starts over with a box that holds `part`, some part of the ball, with a margin, so that no side of it touches it.
+  void reset(const Box& part, Vec3 pivot);
 
   /// Starts over with a frustum: what is beyond the triangle `base` as seen from `apex`, as far as the triangle
   /// enlarged by `scale` > 1 about the apex. The corners may be relative to any origin; the ball's centre is at

@@ -397,7 +397,7 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
         hidden |= add_rival(ball, sorted[o], i, solid_balls[tree.order()[o]], shop.rivals);
       }
       if (hidden) continue;
-      shop.cell.reset(moved(box_of(ball), -ball.centre));
+      shop.cell.reset(ball.radius);
       if (!cut_by_rivals(shop, {})) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
       result.parts[i] = {piece.moments.volume, piece.area, piece.push};
