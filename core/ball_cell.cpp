@@ -108,7 +108,7 @@ class Outline {
     add_outer(sum, weight, up_, second_[1] * right_ + second_[2] * up_);
   }
   double arcs() const { return arcs_; }  // their angles together
-  std::uint32_t segments() const { return segments_; }
+  int segments() const { return segments_; }
 
  private:
   Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
@@ -143,7 +143,7 @@ class Outline {
   double arcs_ = 0, straight_squared_ = 0;
   Flat first_entry_, exit_;
   bool left_ = false, doubtful_ = false;
-  std::uint32_t segments_ = 0;
+  int segments_ = 0;
 };
 
 }  // namespace
@@ -350,7 +350,7 @@ BallPiece BallCell::measure(double ball_radius) const {
   });
   const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
   const double radius = ball_radius + growth, radius_squared = radius * radius;
-  std::int64_t corners_in = 0, segments = 0, flat_parts = 0;
+  int corners_in = 0, segments = 0, flat_parts = 0;
   newest_.resize(corners_.size());
   for (const std::uint32_t v : alive_) {
     in_ball_[v] = squared_norm(corners_[v]) < radius_squared;
@@ -369,7 +369,9 @@ BallPiece BallCell::measure(double ball_radius) const {
   // ball. It turns by the angle between the planes' normals within the sphere's tangent plane. The angle has a sign: on
   // the spheres of grids many planes meet in one point, rounding decides the order in which the outline passes them,
   // and then only signed angles add up to the right one. None turns back, so those near -π are near π.
+  int turns = 0;
   const auto turn = [&](Vec3 where, const Face& from, const Face& to) {
+    ++turns;
     const double angle = std::atan2(dot(where, cross(from.normal, to.normal)) / radius,
                                     dot(from.normal, to.normal) - from.offset * to.offset / radius_squared);
     turning += angle < -3 ? angle + kTwoPi : angle;
@@ -454,9 +456,9 @@ BallPiece BallCell::measure(double ball_radius) const {
   // No flat part: the ball is within the cell or beyond it.
   if (flat_parts == 0 && !holds_centre) return {};
 
-  const std::int64_t characteristic = 2 - (flat_parts - segments / 2 + corners_in);
-  BallPiece piece;
-  const double area = radius_squared * (kTwoPi * static_cast<double>(characteristic) + bending - turning);
+  const int characteristic = 2 - (flat_parts - segments / 2 + corners_in);
+  BallPiece piece{.moments = {}, .area = 0, .push = {}, .characteristic = characteristic, .corners = turns};
+  const double area = radius_squared * (kTwoPi * characteristic + bending - turning);
   const double volume = (height_areas + radius * area) / 3;
   piece.area = area - growth * (2 * area / radius - radius * bending);
   piece.moments.volume = volume - growth * piece.area;

@@ -15,8 +15,10 @@ namespace spherule {
 /// A ball within a convex cell, about the ball's centre.
 struct BallPiece {
   Moments moments;
-  double area = 0;  ///< of the ball's sphere within the cell
-  Vec3 push;        ///< integral of the outer normal over that area
+  double area = 0;         ///< of the ball's sphere within the cell
+  Vec3 push;               ///< integral of the outer normal over that area
+  int characteristic = 0;  ///< Euler characteristic of that part of the sphere
+  int corners = 0;         ///< of its outline
 };
 
 /// A convex polyhedron, cut plane by plane, in coordinates relative to the centre of a ball. Reuse one object for many
