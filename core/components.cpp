@@ -48,8 +48,9 @@ std::vector<std::uint32_t> first_of_overlapping(std::span<const Sphere> balls, c
   for (std::size_t n = 0; n < balls.size(); ++n) {
     if (n % kPoll == 0) context.throw_if_cancelled();
     const std::uint32_t b = tree.order()[n];
-    tree.for_each_overlap(boxes[b], [&](std::uint32_t other) {
-      if (other < b && sets.find(other) != sets.find(b) && meet(balls[b], balls[other])) sets.unite(b, other);
+    tree.for_each_overlap(boxes[b], [&](std::size_t m) {
+      const std::uint32_t other = tree.order()[m];
+      if (m < n && sets.find(other) != sets.find(b) && meet(balls[b], balls[other])) sets.unite(b, other);
     });
   }
   std::vector<std::uint32_t> first(balls.size());
