@@ -49,6 +49,7 @@ std::string text(const Json& json) {
 }
 
 Json triple(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
+Json matrix(const Mat3& m) { return Json::array({triple(m.rows[0]), triple(m.rows[1]), triple(m.rows[2])}); }
 
 // Row-major, mapping (i, j, k, 1) to (x, y, z, 1).
 Json index_to_lps(const Grid& grid) {
@@ -164,6 +165,131 @@ Json model_json(const ModelInfo& model) {
   return json;
 }
 
+// Adds the members that every solid has, in front of its topology.
+void put_mass(Json& json, const MassProperties& mass, double area_mm2) {
+  json["volume_mm3"] = mass.volume_mm3;
+  json["area_mm2"] = area_mm2;
+  json["centroid_mm"] = mass.volume_mm3 > 0 ? triple(mass.centroid_mm) : Json(nullptr);
+  json["inertia_mm5"] = matrix(mass.inertia_mm5);
+  json["principal_moments_mm5"] = mass.principal_moments_mm5;
+  json["principal_axes"] = matrix(mass.principal_axes);
+}
+
+void put_topology(Json& json, const Topology& topology) {
+  json["betti"] = topology.betti;
+  json["euler_characteristic"] = topology.euler_characteristic;
+}
+
+Json spheres_json(const SpheresMeasures& spheres, bool raw) {
+  Json json{
+      {"count", spheres.count}, {"radius_min_mm", spheres.radius_min_mm}, {"radius_max_mm", spheres.radius_max_mm}};
+  put_mass(json, spheres.mass, spheres.area_mm2);
+  json["bounds_mm"] = bounds_json(spheres.bounds);
+  put_topology(json, spheres.topology);
+  json["topology_method"] =
+      raw ? "pieces, tunnels and voids of the inside tetrahedra, exact; of the balls themselves they would depend on "
+            "the "
+            "rounding of radii, which leaves pin-holes where many balls meet in a point"
+          : "pieces, tunnels and voids of the union of closed balls, from the dual complex of their power diagram with "
+            "exact predicates: tolerance 0, balls that touch are joined";
+  json["method"] =
+      raw ? "union of the inside circumspheres: the inside tetrahedra plus, beyond each of their boundary "
+            "facets, the part of one ball, in closed form; relative error about 1e-14 a ball"
+          : "union of the balls, each within its cell of the power diagram, in closed form; relative error "
+            "about 1e-14 a ball";
+  return json;
+}
+
+Json tetrahedra_json(const TetrahedraMeasures& t) {
+  Json json = Json::object();
+  put_mass(json, mass_properties(t.moments), t.area_mm2);
+  // The moments' own volume has been through a change of axes.
+  json["volume_mm3"] = t.volume_mm3;
+  json["boundary_facets"] = t.boundary_facets;
+  put_topology(json, t.topology);
+  json["topology_method"] =
+      "pieces, tunnels and voids of the closed simplicial complex, exact: tolerance 0, pieces that share a corner are "
+      "one";
+  json["method"] =
+      "inside Delaunay tetrahedra: volume and moments summed exactly on the integer lattice; area of the facets "
+      "between "
+      "inside and outside";
+  return json;
+}
+
+Json marching_cubes_json(const MarchingCubesMeasures& m) {
+  return {
+      {"volume_mm3", m.volume_mm3},
+      {"area_mm2", m.area_mm2},
+      {"triangles", m.triangles},
+      {"euler_characteristic", m.euler_characteristic},
+      {"method",
+       "triangle surface through the boundary points, ambiguous faces decided by the saddle of their values; volume "
+       "summed exactly on the integer lattice; Euler characteristic of the solid"}};
+}
+
+Json observations_json(const Observations& o) {
+  const auto with_slack = [](int number, const Observation& seen, const std::string& unit, const char* method) {
+    return Json{{"observation", number},
+                {"value" + unit, seen.value},
+                {"bound" + unit, seen.bound},
+                {"slack" + unit, seen.slack()},
+                {"method", method}};
+  };
+  return {
+      {"excess_volume",
+       with_slack(3, o.excess_volume_mm3, "_mm3",
+                  "volume of the spheres beyond that of the tetrahedra; bound: N - 2 balls of the boundary point "
+                  "density as radius, with N boundary points")},
+      {"boundary_point_density",
+       with_slack(5, o.density_mm, "_mm",
+                  "largest distance from a boundary point to its nearest other one; bound: the diagonal of a voxel, "
+                  "plus one lattice unit for rounding")}};
+}
+
+Json sphere_json(const Sphere& sphere, const char* method) {
+  return {{"centre_mm", triple(sphere.centre)}, {"radius_mm", sphere.radius}, {"method", method}};
+}
+
+Json thickness_json(const LocalThickness& t) {
+  Json percentiles = Json::object();
+  for (std::size_t i = 0; i < t.percentiles_mm.size(); ++i) {
+    percentiles["p" + std::to_string(LocalThickness::percents[i])] = t.percentiles_mm[i];
+  }
+  return {{"mean_mm", t.mean_mm},
+          {"sd_mm", t.sd_mm},
+          {"min_mm", t.min_mm},
+          {"max_mm", t.max_mm},
+          {"percentiles_mm", std::move(percentiles)},
+          {"histogram", {{"min_mm", t.min_mm}, {"max_mm", t.max_mm}, {"volumes_mm3", t.volumes_mm3}}},
+          {"samples", t.samples},
+          {"spacing_mm", t.spacing_mm},
+          {"sampled_volume_mm3", t.sampled_volume_mm3},
+          {"method",
+           "at each point of an oblique cubic lattice with about 2^22 points in the union, the diameter of the largest "
+           "sphere of the model that holds it; the distance of sampled_volume_mm3 from the union's exact volume shows "
+           "the sampling error"}};
+}
+
+Json components_json(const std::vector<Component>& components, bool raw) {
+  Json items = Json::array();
+  for (std::size_t i = 0; i < std::min(components.size(), listed_components); ++i) {
+    const Component& c = components[i];
+    items.push_back({{"spheres", c.spheres},
+                     {"first_sphere", c.first_sphere},
+                     {"volume_mm3", c.volume_mm3},
+                     {"area_mm2", c.area_mm2},
+                     {"bounds_mm", bounds_json(c.bounds)}});
+  }
+  return {
+      {"count", components.size()},
+      {"items", std::move(items)},
+      {"method", raw ? "spheres whose tetrahedra share a corner are joined; volume and area of their part of the "
+                       "union, bounds of their boundary points; the largest first"
+                     : "balls that overlap or touch are joined; volume, area and bounds of their union; the largest "
+                       "first"}};
+}
+
 Json optional_time(const std::optional<Time>& time) { return time ? Json(iso_time(*time)) : Json(nullptr); }
 
 Json job_json(const JobInfo& job) {
@@ -221,14 +347,21 @@ std::string model_list_document(const Page<ModelInfo>& page) { return list_docum
 std::string job_list_document(const Page<JobInfo>& page) { return list_document("jobs", page, job_json); }
 
 std::string sphere_page_document(const std::string& model, const SpherePage& page, std::uint64_t offset) {
+  Json columns{"x", "y", "z", "r"};
+  for (const SphereColumn& column : page.columns) columns.push_back(column.name);
   Json spheres = Json::array();
-  for (const Sphere& s : page.spheres) spheres.push_back({s.centre.x, s.centre.y, s.centre.z, s.radius});
+  for (std::size_t i = 0; i < page.spheres.size(); ++i) {
+    const Sphere& s = page.spheres[i];
+    Json row{s.centre.x, s.centre.y, s.centre.z, s.radius};
+    for (const SphereColumn& column : page.columns) row.push_back(column.values[i]);
+    spheres.push_back(std::move(row));
+  }
   const std::string self = "/v1/models/" + model;
   // Compact: a page can hold many thousands of rows.
   return Json{{"model", model},
               {"frame", kFrame},
               {"unit", "mm"},
-              {"columns", {"x", "y", "z", "r"}},
+              {"columns", std::move(columns)},
               {"total", page.total},
               {"offset", offset},
               {"spheres", std::move(spheres)},
@@ -246,38 +379,50 @@ std::string value_histogram_document(const VolumeInfo& volume, std::span<const s
 }
 
 std::string radius_histogram_document(const std::string& model, const RadiusHistogram& histogram) {
-  return text({{"model", model},
-               {"unit", "mm"},
-               {"min_mm", histogram.min_mm},
-               {"max_mm", histogram.max_mm},
-               {"counts", histogram.counts}});
+  const bool logarithmic = histogram.scale == RadiusScale::logarithmic;
+  Json json{{"model", model},
+            {"unit", "mm"},
+            {"scale", logarithmic ? "log" : "linear"},
+            {"min_mm", histogram.min_mm},
+            {"max_mm", histogram.max_mm},
+            {"counts", histogram.counts}};
+  if (logarithmic) json["zero_radius"] = histogram.zero_radius;
+  return text(json);
 }
 
-std::string measures_document(const std::string& model, const Measures& measures) {
-  Json json{{"model", model}};
+std::string measures_document(const std::string& model, const ModelMeasures& measures) {
+  const bool raw = measures.tetrahedra.has_value();
+  Json json{{"model", model}, {"spheres", spheres_json(measures.spheres, raw)}};
+  if (measures.tetrahedra) json["tetrahedra"] = tetrahedra_json(*measures.tetrahedra);
+  if (measures.marching_cubes) json["marching_cubes"] = marching_cubes_json(*measures.marching_cubes);
   if (measures.voxels) {
     json["voxels"] = {{"count", measures.voxels->count},
                       {"volume_mm3", measures.voxels->volume_mm3},
                       {"method", "number of inside samples times the volume of one voxel"}};
   }
-  if (measures.tetrahedra) {
-    const TetrahedraMeasures& t = *measures.tetrahedra;
-    json["tetrahedra"] = {
-        {"volume_mm3", t.volume_mm3},
-        {"area_mm2", t.area_mm2},
-        {"boundary_facets", t.boundary_facets},
-        {"betti", t.topology.betti},
-        {"euler_characteristic", t.topology.euler_characteristic},
-        {"method",
-         "inside Delaunay tetrahedra: volume summed exactly on the integer lattice; area of the facets between inside "
-         "and outside; Betti numbers (pieces, tunnels, voids) of the closed simplicial complex"}};
-  }
-  json["spheres"] = {{"count", measures.spheres.count},
-                     {"radius_min_mm", measures.spheres.radius_min_mm},
-                     {"radius_max_mm", measures.spheres.radius_max_mm},
-                     {"method", measures.tetrahedra ? "circumspheres of the inside tetrahedra" : "as imported"}};
-  json["units"] = {{"length", "mm"}, {"area", "mm2"}, {"volume", "mm3"}};
-  json["links"] = {{"model", "/v1/models/" + model}};
+  if (measures.observations) json["observations"] = observations_json(*measures.observations);
+  json["smallest_enclosing_sphere"] =
+      sphere_json(measures.smallest_enclosing,
+                  "smallest ball around all balls, in double arithmetic: never too small, and larger than the least by "
+                  "no more than rounding");
+  json["largest_inscribed_sphere"] =
+      sphere_json(measures.largest_inscribed,
+                  raw ? "largest inside circumsphere: by the empty-sphere property the largest ball centred inside the "
+                        "object that holds no boundary point"
+                      : "largest member: the union may hold a larger ball that spans several members");
+  json["local_thickness"] = thickness_json(measures.thickness);
+  json["components"] = components_json(measures.components, raw);
+  json["units"] = {{"length", "mm"}, {"area", "mm2"}, {"volume", "mm3"}, {"inertia", "mm5, for density 1 per mm3"}};
+  json["frame"] = kFrame;
+  json["links"] = {{"model", "/v1/models/" + model},
+                   {"ranking", "/v1/models/" + model + "/spheres?order=contribution"}};
+  return text(json);
+}
+
+std::string with_components(std::string_view measures_document, std::size_t count) {
+  Json json = Json::parse(measures_document);
+  Json& items = json.at("components").at("items");
+  if (items.size() > count) items.erase(items.begin() + static_cast<std::ptrdiff_t>(count), items.end());
   return text(json);
 }
 
@@ -326,6 +471,14 @@ std::string_view name(SphereFormat format) {
   return names[static_cast<std::size_t>(format)];
 }
 
+std::string_view name(SphereFigure figure) {
+  constexpr std::array<std::string_view, 6> names = {"index", "volume_mm3", "area_mm2",
+                                                     "share", "rank",       "cumulative_share"};
+  return names[static_cast<std::size_t>(figure)];
+}
+
+std::string_view name(SphereOrder order) { return order == SphereOrder::index ? "index" : "contribution"; }
+
 std::string iso_time(Time time) {
   const auto ms = std::chrono::floor<std::chrono::milliseconds>(time);
   const auto s = std::chrono::floor<std::chrono::seconds>(ms);
@@ -347,7 +500,17 @@ std::string path_of(const DerivedRequest& request) {
       return "/render?view=" + std::string(1, static_cast<char>(r.view)) + "&width=" + std::to_string(r.width) +
              "&height=" + std::to_string(r.height);
     }
-    std::string operator()(const ExportRequest& e) const { return "/exports/" + std::string(name(e.format)); }
+    std::string operator()(const ExportRequest& e) const {
+      std::string path = "/exports/" + std::string(name(e.format));
+      char before = '?';
+      for (const SphereFigure figure : e.listing.columns) {
+        path += (before == '?' ? "?columns=" : ",") + std::string(name(figure));
+        before = '&';
+      }
+      if (e.listing.order != SphereOrder::index) path += before + ("order=" + std::string(name(e.listing.order)));
+      return path;
+    }
+    std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
   };
   return model + std::visit(Visitor{}, request.what);
 }

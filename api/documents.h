@@ -27,7 +27,11 @@ std::string job_list_document(const Page<JobInfo>& page);
 std::string sphere_page_document(const std::string& model, const SpherePage& page, std::uint64_t offset);
 std::string value_histogram_document(const VolumeInfo& volume, std::span<const std::uint64_t> counts);
 std::string radius_histogram_document(const std::string& model, const RadiusHistogram& histogram);
-std::string measures_document(const std::string& model, const Measures& measures);
+/// With the `listed_components` largest components at most.
+std::string measures_document(const std::string& model, const ModelMeasures& measures);
+inline constexpr std::size_t listed_components = 1000;
+/// The same document with the `count` largest components only.
+std::string with_components(std::string_view measures_document, std::size_t count);
 std::string checks_document(const std::string& model, const ModelChecks& checks);
 std::string about_document(const About& about);
 std::string status_document(std::string_view status);
@@ -38,6 +42,10 @@ std::string event_data(const JobEvent& event);
 std::string_view name(JobState state);
 /// "csv", "npy", "ply", "vtp".
 std::string_view name(SphereFormat format);
+/// "index", "volume_mm3", …
+std::string_view name(SphereFigure figure);
+/// "index", "contribution".
+std::string_view name(SphereOrder order);
 /// ISO 8601 UTC to the millisecond.
 std::string iso_time(Time time);
 /// The path, with its query, that gives this result.

@@ -81,10 +81,10 @@ Response derived(const Call& call, const DerivedRequest& request, std::string_vi
   return response;
 }
 
-Response exported(const Call& call, SphereFormat format) {
-  const auto index = static_cast<std::size_t>(format);
-  Response response = derived(call, {.model = call.id(), .what = ExportRequest{format}}, kSphereTypes[index],
-                              call.id() + "." + std::string(name(format)));
+Response exported(const Call& call, const ExportRequest& wanted) {
+  Response response =
+      derived(call, {.model = call.id(), .what = wanted}, kSphereTypes[static_cast<std::size_t>(wanted.format)],
+              call.id() + "." + std::string(name(wanted.format)));
   // For the formats that cannot say so themselves.
   response.set("Spherule-Frame", "LPS");
   response.set("Spherule-Unit", "mm");
@@ -140,8 +140,9 @@ Response delete_model(const Call& call) {
 }
 
 Response get_spheres(const Call& call) {
-  const Query query(call.request, {"format", "offset", "limit"});
+  const Query query(call.request, {"format", "columns", "order", "offset", "limit"});
   const auto given = query.choice("format", {"json", "csv", "npy", "ply", "vtp"});
+  const SphereListing listing = sphere_listing(query);
   const auto offset = query.integer("offset", 0, std::int64_t{1} << 52);
   const auto limit = query.integer("limit", 1, 100'000);
   std::optional<SphereFormat> format;
@@ -158,31 +159,60 @@ Response get_spheres(const Call& call) {
       throw Error(ErrorCode::invalid_argument, "Only JSON comes in pages; leave offset and limit out.",
                   {{offset ? "offset" : "limit", "This is for format=json."}});
     }
-    return exported(call, *format);
+    return exported(call, {*format, listing});
+  }
+  if (listing.needs_contributions()) {
+    const Wait wait = agreed_wait(call, true);
+    const auto outcome = call.service.derive({.model = call.id(), .what = ContributionsRequest{}}, wait.granted);
+    if (const auto* job = std::get_if<JobInfo>(&outcome)) {
+      Response response = accepted(*job);
+      wait.state(response);
+      return response;
+    }
   }
   const auto first = static_cast<std::uint64_t>(offset.value_or(0));
   const auto count = static_cast<std::size_t>(limit.value_or(1000));
-  const SpherePage page = call.service.spheres(call.id(), first, count);
+  const SpherePage page = call.service.spheres(call.id(), first, count, listing);
   Response response{.status = 200, .body = sphere_page_document(call.id(), page, first)};
   response.set("Content-Type", "application/json");
   response.set("Vary", "Accept");
   if (first + page.spheres.size() < page.total) {
-    response.set("Link", "</v1/models/" + call.id() +
-                             "/spheres?format=json&offset=" + std::to_string(first + page.spheres.size()) +
+    std::string next = "/v1/models/" + call.id() + "/spheres?format=json";
+    for (const char* name : {"columns", "order"}) {
+      if (const auto text = query.text(name)) next += std::string("&") + name + "=" + *text;
+    }
+    response.set("Link", "<" + next + "&offset=" + std::to_string(first + page.spheres.size()) +
                              "&limit=" + std::to_string(count) + ">; rel=\"next\"");
   }
   return response;
 }
 
 Response get_measures(const Call& call) {
-  const Query query(call.request, {});
-  return derived(call, {.model = call.id(), .what = MeasuresRequest{}}, "application/json", {});
+  const Query query(call.request, {"components"});
+  const auto components = query.integer("components", 0, static_cast<std::int64_t>(listed_components)).value_or(10);
+  constexpr std::array<std::string_view, 1> types = {"application/json"};
+  negotiate(call.request.header("Accept"), types);
+  const Wait wait = agreed_wait(call, true);
+  const auto outcome = call.service.derive({.model = call.id(), .what = MeasuresRequest{}}, wait.granted);
+  const auto* content = std::get_if<Content>(&outcome);
+  Response response;
+  if (content != nullptr) {
+    std::string document(content->bytes, 0);
+    document.resize(content->read_at(0, document));
+    response = json_response(call, with_components(document, static_cast<std::size_t>(components)));
+  } else {
+    response = accepted(std::get<JobInfo>(outcome));
+  }
+  wait.state(response);
+  return response;
 }
 
 Response get_radius_histogram(const Call& call) {
-  const Query query(call.request, {"buckets"});
+  const Query query(call.request, {"buckets", "scale"});
   const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(40));
-  return json_response(call, radius_histogram_document(call.id(), call.service.radius_histogram(call.id(), buckets)));
+  const auto scale = query.choice("scale", {"linear", "log"}) == "log" ? RadiusScale::logarithmic : RadiusScale::linear;
+  return json_response(call,
+                       radius_histogram_document(call.id(), call.service.radius_histogram(call.id(), buckets, scale)));
 }
 
 Response get_checks(const Call& call) {
@@ -206,10 +236,10 @@ Response get_render(const Call& call) {
 }
 
 Response get_export(const Call& call) {
-  const Query query(call.request, {});
+  const Query query(call.request, {"columns", "order"});
   const auto format = sphere_format(call.parameters[1]);
   if (!format) throw Error(ErrorCode::not_found, "There is no such export; there are csv, npy, ply and vtp.");
-  return exported(call, *format);
+  return exported(call, {*format, sphere_listing(query)});
 }
 
 }  // namespace spherule::api

@@ -10,6 +10,9 @@ namespace {
 // Members ascend, which with dump() is the canonical form.
 using Json = nlohmann::json;
 
+// Changes when the document of measures does, so that answers kept by an older program are made anew.
+constexpr int kMeasuresEdition = 2;
+
 Json to_json(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
 Vec3 vec_from(const Json& json) { return {json.at(0), json.at(1), json.at(2)}; }
 
@@ -82,7 +85,11 @@ ModelRequest model_request_from_json(const Json& json) {
 
 Json to_json(const DerivedRequest& request) {
   Json json{{"model", request.model}};
-  if (std::holds_alternative<MeasuresRequest>(request.what)) json["what"] = "measures";
+  if (std::holds_alternative<MeasuresRequest>(request.what)) {
+    json["what"] = "measures";
+    json["edition"] = kMeasuresEdition;
+  }
+  if (std::holds_alternative<ContributionsRequest>(request.what)) json["what"] = "contributions";
   if (std::holds_alternative<ChecksRequest>(request.what)) json["what"] = "checks";
   if (const auto* render = std::get_if<RenderRequest>(&request.what)) {
     json["what"] = "render";
@@ -93,8 +100,22 @@ Json to_json(const DerivedRequest& request) {
   if (const auto* format = std::get_if<ExportRequest>(&request.what)) {
     json["what"] = "export";
     json["format"] = name(format->format);
+    const SphereListing& listing = format->listing;
+    for (const SphereFigure figure : listing.columns) json["columns"].push_back(name(figure));
+    if (listing.order == SphereOrder::contribution) json["order"] = name(listing.order);
   }
   return json;
+}
+
+SphereListing listing_from(const Json& json) {
+  SphereListing listing;
+  for (const Json& column : json.value("columns", Json::array())) {
+    for (const SphereFigure figure : sphere_figures) {
+      if (column == name(figure)) listing.columns.push_back(figure);
+    }
+  }
+  if (json.contains("order")) listing.order = SphereOrder::contribution;
+  return listing;
 }
 
 Json to_json(std::span<const StoredFile> files, bool with_names) {
@@ -213,6 +234,8 @@ DerivedRequest derived_from(std::string_view record) {
       request.what = MeasuresRequest{};
     } else if (what == "checks") {
       request.what = ChecksRequest{};
+    } else if (what == "contributions") {
+      request.what = ContributionsRequest{};
     } else if (what == "render") {
       request.what = RenderRequest{.view = static_cast<View>(json.at("view").get<std::string>().at(0)),
                                    .width = json.at("width"),
@@ -222,6 +245,7 @@ DerivedRequest derived_from(std::string_view record) {
       for (const SphereFormat format : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {
         if (json.at("format") == name(format)) wanted.format = format;
       }
+      wanted.listing = listing_from(json);
       request.what = wanted;
     }
     return request;

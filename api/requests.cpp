@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "api/documents.h"
 #include "api/problem.h"
 
 namespace spherule::api {
@@ -140,6 +141,25 @@ std::optional<std::string> Query::choice(std::string_view name, std::initializer
 PageRequest page_request(const Query& query) {
   return {.limit = static_cast<std::size_t>(query.integer("limit", 1, 1000).value_or(100)),
           .cursor = query.text("cursor").value_or("")};
+}
+
+SphereListing sphere_listing(const Query& query) {
+  SphereListing listing;
+  const std::string columns = query.text("columns").value_or("");
+  split(columns, ',', [&](std::string_view word) {
+    const auto figure = std::ranges::find(sphere_figures, word, [](SphereFigure f) { return name(f); });
+    if (figure == sphere_figures.end()) {
+      std::string known;
+      for (const SphereFigure f : sphere_figures) known += (known.empty() ? "" : ", ") + std::string(name(f));
+      refuse("columns", "Give names out of " + known + ", with commas between; x, y, z and r are always there.");
+    }
+    if (std::ranges::find(listing.columns, *figure) != listing.columns.end()) {
+      refuse("columns", "Name every column once.");
+    }
+    listing.columns.push_back(*figure);
+  });
+  if (query.choice("order", {"index", "contribution"}) == "contribution") listing.order = SphereOrder::contribution;
+  return listing;
 }
 
 VolumeParameters volume_parameters(const Request& request) {

@@ -40,6 +40,9 @@ class Query {
 /// `?limit=&cursor=`, limit within 1 … 1000, default 100.
 PageRequest page_request(const Query& query);
 
+/// `?columns=` (names of figures with commas between, each once) and `?order=`.
+SphereListing sphere_listing(const Query& query);
+
 /// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
 VolumeParameters volume_parameters(const Request& request);
 

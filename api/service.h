@@ -7,6 +7,7 @@
 // can cause: not_found for an id that nothing bears, whatever the id looks like.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -23,8 +24,10 @@
 #include "core/base/geometry.h"
 #include "core/checks.h"
 #include "core/inside.h"
+#include "core/io/export.h"
 #include "core/io/read.h"
 #include "core/measure.h"
+#include "core/measures.h"
 #include "core/render/render.h"
 #include "core/volume.h"
 
@@ -124,9 +127,35 @@ struct ModelInfo {
 
 enum class SphereFormat : std::uint8_t { csv, npy, ply, vtp };
 
+/// What can be told of a sphere beside x, y, z and r. All but `index` need the union to be measured.
+enum class SphereFigure : std::uint8_t {
+  index,             ///< in the model, from 0
+  volume_mm3,        ///< its part of the union: the ball within its power cell
+  area_mm2,          ///< its part of the union's surface
+  share,             ///< its part of the union's volume, 0 … 1
+  rank,              ///< by volume_mm3, from 1
+  cumulative_share,  ///< of the spheres up to this rank
+};
+inline constexpr std::array sphere_figures{SphereFigure::index,    SphereFigure::volume_mm3,
+                                           SphereFigure::area_mm2, SphereFigure::share,
+                                           SphereFigure::rank,     SphereFigure::cumulative_share};
+enum class SphereOrder : std::uint8_t { index, contribution };
+
+/// How spheres are listed: which figures follow x, y, z, r, and in which order the rows are.
+struct SphereListing {
+  std::vector<SphereFigure> columns;
+  SphereOrder order = SphereOrder::index;
+
+  bool needs_contributions() const {
+    return order == SphereOrder::contribution ||
+           std::ranges::any_of(columns, [](SphereFigure f) { return f != SphereFigure::index; });
+  }
+};
+
 struct SpherePage {
   std::uint64_t total = 0;
   std::vector<Sphere> spheres;
+  std::vector<SphereColumn> columns;  ///< as listed
 };
 
 /// What is made from one finished model and kept as the answer's bytes: a JSON document (documents.h), a picture, a
@@ -139,21 +168,13 @@ struct RenderRequest {
 };
 struct ExportRequest {
   SphereFormat format = SphereFormat::csv;
+  SphereListing listing{};
 };
+/// Every sphere's part of the union: not sent as it is, but needed by measures and by listings of spheres.
+struct ContributionsRequest {};
 struct DerivedRequest {
   std::string model;
-  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest> what;
-};
-
-struct SphereMeasures {
-  std::uint64_t count = 0;
-  double radius_min_mm = 0, radius_max_mm = 0;
-};
-/// Of each representation that the model has.
-struct Measures {
-  std::optional<VoxelMeasures> voxels;
-  std::optional<TetrahedraMeasures> tetrahedra;
-  SphereMeasures spheres{};
+  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest> what;
 };
 
 // ------------------------------------------------------------------------------------------------------------- jobs
@@ -164,7 +185,7 @@ constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
 
 struct JobInfo {
   std::string id;
-  std::string kind;  ///< "model", "measures", "checks", "render" or "export"
+  std::string kind;  ///< "model", "measures", "checks", "render", "export" or "contributions"
   JobState state = JobState::queued;
   std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
   double progress = 0;                        ///< 0 … 1 over all stages; never goes back
@@ -253,8 +274,10 @@ class Service {
   virtual Page<ModelInfo> models(const PageRequest& page) = 0;
   virtual ModelInfo model(const std::string& id) = 0;
   virtual void delete_model(const std::string& id) = 0;
-  virtual SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) = 0;
-  virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) = 0;
+  /// Rows of a listing. Throws not_found when it needs contributions and derive() has not made them.
+  virtual SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
+                             const SphereListing& listing) = 0;
+  virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) = 0;
   /// Like make_model, for what is derived from a model: the finished answer's bytes. Throws unusable for measures and
   /// checks that the model's kind does not have.
   virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;

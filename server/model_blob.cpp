@@ -2,83 +2,24 @@
 #include "server/model_blob.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <span>
-#include <type_traits>
+
+#include "server/blob_format.h"
 
 namespace spherule::server {
 
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "the format is this machine's own layout");
+using format::Reader;
+using format::require;
+using format::Writer;
+
 static_assert(sizeof(LatticePoint) == 12 && sizeof(Tetrahedron) == 16 && sizeof(Sphere) == 32);
 
 constexpr std::string_view kMagic = "SPHERULE";
 constexpr std::uint32_t kVersion = 1;
 constexpr std::uint32_t kRaw = 1, kPlain = 2;
-constexpr std::size_t kPiece = 1 << 22;
-
-class Writer {
- public:
-  explicit Writer(const std::function<void(std::string_view)>& append) : append_(append) {}
-
-  template <typename T>
-  void put(const T& value) {
-    put_all(std::span<const T>(&value, 1));
-  }
-  template <typename T>
-  void put_all(std::span<const T> values) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    std::string_view bytes(reinterpret_cast<const char*>(values.data()), values.size_bytes());
-    for (; !bytes.empty(); bytes.remove_prefix(std::min(bytes.size(), kPiece))) append_(bytes.substr(0, kPiece));
-  }
-
- private:
-  const std::function<void(std::string_view)>& append_;
-};
-
-[[noreturn]] void refuse() {
-  throw Error(ErrorCode::corrupt, "The stored model is damaged; delete it and make it again.");
-}
-
-void require(bool good) {
-  if (!good) refuse();
-}
-
-class Reader {
- public:
-  explicit Reader(const Blob& blob) : blob_(blob) {}
-
-  template <typename T>
-  T get() {
-    T value{};
-    get_all(std::span<T>(&value, 1));
-    return value;
-  }
-  template <typename T>
-  void get_all(std::span<T> values) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    const std::span bytes(reinterpret_cast<char*>(values.data()), values.size_bytes());
-    require(blob_.read_at(at_, bytes) == bytes.size());
-    at_ += bytes.size();
-  }
-  /// A vector of exactly `count` values, when so many are left.
-  template <typename T>
-  std::vector<T> get_vector(std::uint64_t count) {
-    require(count <= left() / sizeof(T));
-    std::vector<T> values(count);
-    get_all(std::span<T>(values));
-    return values;
-  }
-  std::uint64_t left() const { return blob_.size() - std::min(blob_.size(), at_); }
-
- private:
-  const Blob& blob_;
-  std::uint64_t at_ = 0;
-};
-
 Solid read_solid(Reader& in) {
   Solid solid;
   Lattice& lattice = solid.boundary.lattice;

@@ -14,14 +14,16 @@
 #include "core/checks.h"
 #include "core/io/export.h"
 #include "core/io/read.h"
-#include "core/measure.h"
+#include "core/measures.h"
 #include "core/pipeline.h"
+#include "core/ranking.h"
 #include "core/render/render.h"
 #include "core/spheres.h"
 #include "server/blob_store.h"
 #include "server/cache.h"
 #include "server/catalog.h"
 #include "server/model_blob.h"
+#include "server/union_blob.h"
 
 namespace spherule::server {
 
@@ -77,7 +79,7 @@ JobInfo job_info(const JobStatus& status) {
 }
 
 std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 4> kinds = {"measures", "checks", "render", "export"};
+  constexpr std::array<const char*, 5> kinds = {"measures", "checks", "render", "export", "contributions"};
   return kinds[request.what.index()];
 }
 
@@ -183,6 +185,52 @@ constexpr auto kShares = std::to_array<Share>({{"read", 0, 0.05},
 
 std::string version() { return std::to_string(algorithm_version); }
 
+// What listings of spheres tell of each.
+struct Contributions {
+  explicit Contributions(UnionMeasures whole)
+      : volume(whole.moments.volume), parts(std::move(whole.parts)), ranking(rank_contributions(parts)) {}
+
+  double value(api::SphereFigure figure, std::uint32_t sphere) const {
+    using enum api::SphereFigure;
+    switch (figure) {
+      case index: return sphere;
+      case volume_mm3: return parts[sphere].volume_mm3;
+      case area_mm2: return parts[sphere].area_mm2;
+      case share: return volume > 0 ? parts[sphere].volume_mm3 / volume : 0;
+      case rank: return ranking.rank[sphere] + 1.0;
+      case cumulative_share: break;
+    }
+    return ranking.cumulative[ranking.rank[sphere]];
+  }
+  std::size_t bytes() const { return parts.size() * (sizeof(BallPart) + 16); }
+
+  double volume;
+  std::vector<BallPart> parts;
+  Ranking ranking;
+};
+
+// Rows [first, first + count) of a listing. `contributions` may be null when the listing does not need them.
+api::SpherePage rows(const SphereModel& model, const Contributions* contributions, const api::SphereListing& listing,
+                     std::uint64_t first, std::uint64_t count) {
+  api::SpherePage page{.total = model.spheres.size(), .spheres = {}, .columns = {}};
+  first = std::min(first, page.total);
+  count = std::min(count, page.total - first);
+  const auto sphere = [&](std::uint64_t row) {
+    return listing.order == api::SphereOrder::index ? static_cast<std::uint32_t>(row)
+                                                    : contributions->ranking.order[row];
+  };
+  page.spheres.reserve(count);
+  for (std::uint64_t row = first; row < first + count; ++row) page.spheres.push_back(model.spheres[sphere(row)]);
+  for (const api::SphereFigure figure : listing.columns) {
+    SphereColumn& column = page.columns.emplace_back(SphereColumn{std::string(api::name(figure)), {}});
+    column.values.reserve(count);
+    for (std::uint64_t row = first; row < first + count; ++row) {
+      column.values.push_back(contributions != nullptr ? contributions->value(figure, sphere(row)) : sphere(row));
+    }
+  }
+  return page;
+}
+
 [[noreturn]] void not_found(const char* what) {
   throw Error(ErrorCode::not_found, std::string("There is no such ") + what + "; it was deleted or never made.");
 }
@@ -195,6 +243,7 @@ struct Pipeline::State {
   Catalog catalog;
   FileBlobStore blobs;
   Cache<SphereModel> cache;
+  Cache<Contributions> contributions;
   std::counting_semaphore<> heavy;  // requests that read a whole volume or model beside the jobs
   std::counting_semaphore<kWaiters> waiters{kWaiters};
   JobPool pool;
@@ -204,6 +253,7 @@ struct Pipeline::State {
         catalog((std::filesystem::create_directories(given.data), given.catalog_file())),
         blobs((given.blob_folder())),
         cache(given.model_cache_bytes),
+        contributions(given.model_cache_bytes / 4),
         heavy(static_cast<std::ptrdiff_t>(given.jobs_at_once)),
         pool((remove_orphans(catalog, blobs), JobPoolOptions{.jobs_at_once = given.jobs_at_once,
                                                              .threads_per_job = given.threads_per_job(),
@@ -325,17 +375,69 @@ struct Pipeline::State {
     return resource;
   }
 
-  std::string measures(const Resource& resource, const SphereModel& model, const Context& context) {
-    api::Measures measures;
-    measures.voxels = api::model_from(resource.document).voxels;
-    if (model.solid) measures.tetrahedra = measure_tetrahedra(*model.solid, context);
-    measures.spheres.count = model.spheres.size();
-    if (!model.spheres.empty()) {
-      const auto [least, most] = std::ranges::minmax_element(model.spheres, {}, &Sphere::radius);
-      measures.spheres.radius_min_mm = least->radius;
-      measures.spheres.radius_max_mm = most->radius;
+  static std::string contributions_id(const std::string& model) {
+    return content_id("ans", api::identity_of({.model = model, .what = api::ContributionsRequest{}}, version()));
+  }
+
+  UnionMeasures read_union_of(const Resource& answer, const SphereModel& model) const {
+    const Blob blob = blobs.open(answer.blobs.at(0));
+    blob.verify();
+    UnionMeasures whole = read_union(blob);
+    if (whole.parts.size() != model.spheres.size()) {
+      throw Error(ErrorCode::corrupt, "The stored measures are of another model; delete the model and make it again.");
     }
-    return api::measures_document(resource.id, measures);
+    return whole;
+  }
+
+  // Makes the measures of a model's union durable.
+  Resource keep(const std::string& model, const UnionMeasures& whole) {
+    const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
+    write_union(whole, [&](std::string_view piece) { staging->append(piece); });
+    Resource answer;
+    answer.id = contributions_id(model);
+    answer.collection = kAnswers;
+    answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}});
+    answer.inputs = {model};
+    answer.bytes = staging->size();
+    answer.blobs = {staging->commit("answers/" + answer.id)};
+    return answer;
+  }
+
+  // As kept, or measured and kept: several answers need it, and it takes longest.
+  UnionMeasures union_of(const Resource& resource, const SphereModel& model, const Context& context) {
+    if (const auto known = catalog.find(contributions_id(resource.id))) return read_union_of(*known, model);
+    UnionMeasures whole = measure_union(model, context);
+    publish(catalog, blobs, keep(resource.id, whole));
+    return whole;
+  }
+
+  std::string measures(const Resource& resource, const SphereModel& model, JobContext& job) {
+    std::optional<Volume> volume;
+    const std::optional<api::ModelRequest> source = api::model_from(resource.document).source;
+    if (source) volume.emplace(stored_volume(find_volume(source->volume), job.context(0.1, 0.15)));
+    const UnionMeasures whole = union_of(resource, model, job.context(0.15, 0.5));
+    std::optional<MeasuredObject> object;
+    if (source) object.emplace(MeasuredObject{*volume, source->rule});
+    return api::measures_document(resource.id, measure_model(model, whole, object, job.context(0.5, 0.95)));
+  }
+
+  std::string exported(const Resource& resource, const SphereModel& model, const api::ExportRequest& wanted,
+                       const Context& context) {
+    std::optional<Contributions> known;
+    if (wanted.listing.needs_contributions()) known.emplace(union_of(resource, model, context));
+    api::SpherePage listed;
+    std::span<const Sphere> spheres = model.spheres;
+    if (wanted.listing.order != api::SphereOrder::index || !wanted.listing.columns.empty()) {
+      listed = rows(model, known ? &*known : nullptr, wanted.listing, 0, model.spheres.size());
+      spheres = listed.spheres;
+    }
+    switch (wanted.format) {
+      case api::SphereFormat::csv: return spheres_to_csv(spheres, listed.columns);
+      case api::SphereFormat::npy: return spheres_to_npy(spheres, listed.columns);
+      case api::SphereFormat::ply: return spheres_to_ply(spheres, listed.columns);
+      case api::SphereFormat::vtp: break;
+    }
+    return spheres_to_vtp(spheres, listed.columns);
   }
 
   std::string checks(const Resource& resource, const SphereModel& model, JobContext& job) {
@@ -354,20 +456,18 @@ struct Pipeline::State {
     const std::shared_ptr<const SphereModel> model = load(resource, context);
     context = job.context(0.1, 0.95);
     context.report(record.kind, 0);
+    if (std::holds_alternative<api::ContributionsRequest>(request.what)) {
+      return keep(request.model, measure_union(*model, context));
+    }
     std::string bytes;
-    if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(resource, *model, context);
+    if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(resource, *model, job);
     if (std::holds_alternative<api::ChecksRequest>(request.what)) bytes = checks(resource, *model, job);
     if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
       bytes = encode_png(
           render_spheres(*model, {.width = render->width, .height = render->height, .view = render->view}, context));
     }
     if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
-      switch (wanted->format) {
-        case api::SphereFormat::csv: bytes = spheres_to_csv(model->spheres); break;
-        case api::SphereFormat::npy: bytes = spheres_to_npy(model->spheres); break;
-        case api::SphereFormat::ply: bytes = spheres_to_ply(model->spheres); break;
-        case api::SphereFormat::vtp: bytes = spheres_to_vtp(model->spheres); break;
-      }
+      bytes = exported(resource, *model, *wanted, context);
     }
     context.throw_if_cancelled();
     job.context(0.95, 1).report("store", 0);
@@ -559,19 +659,28 @@ void Pipeline::delete_model(const std::string& id) {
   static_cast<void>(state_->find_model(id));
   withdraw(state_->catalog, state_->blobs, id);
   state_->cache.erase(id);
+  state_->contributions.erase(State::contributions_id(id));
 }
 
-api::SpherePage Pipeline::spheres(const std::string& id, std::uint64_t offset, std::size_t limit) {
-  const auto model = state_->load(state_->find_model(id), state_->request_context());
-  const std::uint64_t total = model->spheres.size();
-  const std::uint64_t first = std::min(offset, total), count = std::min<std::uint64_t>(limit, total - first);
-  const auto begin = model->spheres.begin() + static_cast<std::ptrdiff_t>(first);
-  return {.total = total, .spheres = {begin, begin + static_cast<std::ptrdiff_t>(count)}};
+api::SpherePage Pipeline::spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
+                                  const api::SphereListing& listing) {
+  State& s = *state_;
+  const auto model = s.load(s.find_model(id), s.request_context());
+  std::shared_ptr<const Contributions> contributions;
+  if (listing.needs_contributions()) {
+    const Resource answer = s.find(State::contributions_id(id), kAnswers, "measure");
+    contributions = s.contributions.get_or_load(answer.id, [&] {
+      const State::Permit permit(s);
+      const auto loaded = std::make_shared<const Contributions>(s.read_union_of(answer, *model));
+      return Cache<Contributions>::Loaded{loaded, loaded->bytes()};
+    });
+  }
+  return rows(*model, contributions.get(), listing, offset, limit);
 }
 
-RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets) {
+RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) {
   const auto model = state_->load(state_->find_model(id), state_->request_context());
-  return spherule::radius_histogram(model->spheres, buckets);
+  return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 
 api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Seconds wait) {

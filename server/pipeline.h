@@ -42,8 +42,9 @@ class Pipeline final : public api::Service {
   api::Page<api::ModelInfo> models(const api::PageRequest& page) override;
   api::ModelInfo model(const std::string& id) override;
   void delete_model(const std::string& id) override;
-  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) override;
-  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) override;
+  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
+                          const api::SphereListing& listing) override;
+  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override;
   api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override;
   api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;
   api::JobInfo job(const std::string& id) override;

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <iterator>
 #include <new>
+#include <optional>
 #include <span>
 
 #include "clients/cli/options.h"
@@ -19,7 +20,7 @@
 #include "core/boundary.h"
 #include "core/checks.h"
 #include "core/io/export.h"
-#include "core/measure.h"
+#include "core/measures.h"
 #include "core/pipeline.h"
 
 namespace spherule::cli {
@@ -66,7 +67,7 @@ class ProgressLine {
   int shown_ = -1;
 };
 
-using Format = std::string (*)(std::span<const Sphere>);
+using Format = std::string (*)(std::span<const Sphere>, std::span<const SphereColumn>);
 
 // By the file's ending; nullptr when there is no such format.
 Format export_format(const std::filesystem::path& path) {
@@ -142,7 +143,7 @@ struct Run {
 
   void export_spheres(std::span<const Sphere> spheres) {
     if (options.out.empty()) return;
-    write_file(options.out, timed("export", [&] { return export_format(options.out)(spheres); }));
+    write_file(options.out, timed("export", [&] { return export_format(options.out)(spheres, {}); }));
   }
 
   void counts(const BuiltModel& built) {
@@ -217,25 +218,81 @@ struct Run {
   }
 
   void measures() {
-    const Volume volume = read();
-    const BuiltModel built = build(volume);
+    std::optional<Volume> volume;
+    ObjectRule object;
+    BuiltModel built;
+    if (holds_spheres(options)) {
+      built = obtain();
+    } else {
+      volume.emplace(read());
+      object = rule(*volume);
+      built = build(*volume);
+    }
     counts(built);
-    const auto samples = classify_samples(volume, rule(volume), context);
-    const auto voxels = measure_voxels(volume.grid, samples.inside);
-    const auto cells = timed("measures", [&] { return measure_tetrahedra(*built.model.solid, context); });
-    const auto radii = radius_histogram(built.model.spheres, 1);
-    report.heading("Measures");
-    report.row("voxels", voxels.count);
-    report.row("voxels_volume", voxels.volume_mm3, "mm3");
-    report.row("tetrahedra_volume", cells.volume_mm3, "mm3");
-    report.row("tetrahedra_area", cells.area_mm2, "mm2");
-    report.row("boundary_facets", cells.boundary_facets);
-    const auto& b = cells.topology.betti;
-    report.row("betti",
-               std::string_view(std::to_string(b[0]) + ' ' + std::to_string(b[1]) + ' ' + std::to_string(b[2])));
-    report.row("euler_characteristic", std::string_view(std::to_string(cells.topology.euler_characteristic)));
-    report.row("least_radius", radii.min_mm, "mm");
-    report.row("largest_radius", radii.max_mm, "mm");
+    const auto whole = timed("union", [&] { return measure_union(built.model, context); });
+    const auto measured = timed("measures", [&] {
+      std::optional<MeasuredObject> source;
+      if (volume) source.emplace(MeasuredObject{*volume, object});
+      return measure_model(built.model, whole, source, context);
+    });
+    report.heading("Spheres");
+    const SpheresMeasures& spheres = measured.spheres;
+    mass("spheres", spheres.mass, spheres.area_mm2);
+    topology("spheres", spheres.topology);
+    report.row("least_radius", spheres.radius_min_mm, "mm");
+    report.row("largest_radius", spheres.radius_max_mm, "mm");
+    report.row("enclosing_sphere_centre", measured.smallest_enclosing.centre, "mm");
+    report.row("enclosing_sphere_radius", measured.smallest_enclosing.radius, "mm");
+    report.row("inscribed_sphere_centre", measured.largest_inscribed.centre, "mm");
+    report.row("inscribed_sphere_radius", measured.largest_inscribed.radius, "mm");
+    report.row("thickness_mean", measured.thickness.mean_mm, "mm");
+    report.row("thickness_sd", measured.thickness.sd_mm, "mm");
+    report.row("thickness_median", measured.thickness.percentiles_mm[2], "mm");
+    report.row("components", std::uint64_t{measured.components.size()});
+    if (!measured.components.empty()) {
+      report.row("largest_component_spheres", measured.components.front().spheres);
+      report.row("largest_component_volume", measured.components.front().volume_mm3, "mm3");
+      report.row("largest_component_area", measured.components.front().area_mm2, "mm2");
+    }
+    if (!volume) return;
+    report.heading("Tetrahedra");
+    mass("tetrahedra", mass_properties(measured.tetrahedra->moments), measured.tetrahedra->area_mm2);
+    topology("tetrahedra", measured.tetrahedra->topology);
+    report.row("boundary_facets", measured.tetrahedra->boundary_facets);
+    report.heading("For comparison");
+    report.row("voxels", measured.voxels->count);
+    report.row("voxels_volume", measured.voxels->volume_mm3, "mm3");
+    report.row("marching_cubes_triangles", measured.marching_cubes->triangles);
+    report.row("marching_cubes_volume", measured.marching_cubes->volume_mm3, "mm3");
+    report.row("marching_cubes_area", measured.marching_cubes->area_mm2, "mm2");
+    report.row("marching_cubes_euler_characteristic", whole_number(measured.marching_cubes->euler_characteristic));
+    report.heading("Observations");
+    const Observations& seen = *measured.observations;
+    report.row("excess_volume", seen.excess_volume_mm3.value, "mm3");
+    report.row("excess_volume_bound", seen.excess_volume_mm3.bound, "mm3");
+    report.row("excess_volume_slack", seen.excess_volume_mm3.slack(), "mm3");
+    report.row("density", seen.density_mm.value, "mm");
+    report.row("density_bound", seen.density_mm.bound, "mm");
+    report.row("density_slack", seen.density_mm.slack(), "mm");
+  }
+
+  static std::string whole_number(std::int64_t n) { return std::to_string(n); }
+
+  void mass(const std::string& of, const MassProperties& mass, double area_mm2) {
+    report.row(of + "_volume", mass.volume_mm3, "mm3");
+    report.row(of + "_area", area_mm2, "mm2");
+    report.row(of + "_centroid", mass.centroid_mm, "mm");
+    const auto& m = mass.principal_moments_mm5;
+    report.row(of + "_principal_moments", Vec3{m[0], m[1], m[2]}, "mm5");
+    for (std::size_t i = 0; i < 3; ++i) {
+      report.row(of + "_principal_axis_" + std::to_string(i + 1), mass.principal_axes.rows[i]);
+    }
+  }
+
+  void topology(const std::string& of, const Topology& topology) {
+    const auto& b = topology.betti;
+    report.row(of + "_betti", whole_number(b[0]) + ' ' + whole_number(b[1]) + ' ' + whole_number(b[2]));
+    report.row(of + "_euler_characteristic", whole_number(topology.euler_characteristic));
   }
 
   void checks() {

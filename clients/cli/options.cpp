@@ -20,13 +20,13 @@ Commands
   info      what the volume is: size, spacing, type, range of values
   points    boundary points (-o writes them as spheres of radius 0)
   model     the sphere model, stage by stage (-o writes its spheres)
-  measures  volume, area, topology and radii
+  measures  volume, area, moments and topology of each representation; thickness, components, enclosing sphere
   checks    the model's own guarantees, with counts of violations
   render    a picture of the spheres (-o picture.png)
   export    the spheres as a file (-o file.csv, .npy, .ply or .vtp)
 
-FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, render and
-export a set of spheres (.csv or .npy with x y z r in mm).
+FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, measures,
+render and export a set of spheres (.csv or .npy with x y z r in mm).
 
 The object
   --threshold T          inside where value >= T

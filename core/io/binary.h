@@ -10,6 +10,7 @@
 #include <type_traits>
 
 #include "core/base/geometry.h"
+#include "core/io/export.h"
 
 namespace spherule::detail {
 
@@ -24,11 +25,15 @@ void append_number(std::string& out, T value) {
   out.append(bytes, sizeof value);
 }
 
-/// Appends x y z r of every sphere as float32.
-inline void append_float32_rows(std::string& out, std::span<const Sphere> spheres) {
-  for (const Sphere& s : spheres)
+/// Appends x y z r of every sphere, and its columns, as float32.
+inline void append_float32_rows(std::string& out, std::span<const Sphere> spheres,
+                                std::span<const SphereColumn> columns) {
+  for (std::size_t i = 0; i < spheres.size(); ++i) {
+    const Sphere& s = spheres[i];
     for (const double value : {s.centre.x, s.centre.y, s.centre.z, s.radius})
       append_number(out, static_cast<float>(value));
+    for (const SphereColumn& column : columns) append_number(out, static_cast<float>(column.values[i]));
+  }
 }
 
 }  // namespace spherule::detail

@@ -78,21 +78,24 @@ Sphere parse_row(std::string_view line, const Columns& columns, std::size_t numb
 
 }  // namespace
 
-std::string spheres_to_csv(std::span<const Sphere> spheres) {
+std::string spheres_to_csv(std::span<const Sphere> spheres, std::span<const SphereColumn> columns) {
   std::string out =
       "# Spherule: centres and radii of spheres\n"
       "# frame: LPS (x to the patient's left, y to the posterior, z to the head)\n"
       "# units: mm\n"
-      "x,y,z,r\n";
-  out.reserve(out.size() + 80 * spheres.size());
+      "x,y,z,r";
+  for (const SphereColumn& column : columns) out += ',' + column.name;
+  out += '\n';
+  out.reserve(out.size() + (80 + 20 * columns.size()) * spheres.size());
   std::array<char, 32> digits;  // the longest shortest form of a double has 24 characters
-  for (const Sphere& s : spheres) {
-    char before = 0;
-    for (const double value : {s.centre.x, s.centre.y, s.centre.z, s.radius}) {
-      if (before) out += before;
-      before = ',';
-      out.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
-    }
+  const auto append = [&](double value) {
+    out.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
+  };
+  for (std::size_t i = 0; i < spheres.size(); ++i) {
+    const Sphere& s = spheres[i];
+    append(s.centre.x);
+    for (const double value : {s.centre.y, s.centre.z, s.radius}) out += ',', append(value);
+    for (const SphereColumn& column : columns) out += ',', append(column.values[i]);
     out += '\n';
   }
   return out;

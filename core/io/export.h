@@ -15,17 +15,26 @@
 
 namespace spherule {
 
-/// Header "x,y,z,r" after "#" comment lines; shortest decimals that read back to the same float64.
-std::string spheres_to_csv(std::span<const Sphere> spheres);
-/// NumPy 1.0 array, little-endian float32, shape (N, 4), C order, columns x y z r.
-std::string spheres_to_npy(std::span<const Sphere> spheres);
-/// Binary little-endian PLY, one vertex a sphere: x y z radius, float32. The comment SPACE=LPS is the one 3D Slicer
-/// looks for.
-std::string spheres_to_ply(std::span<const Sphere> spheres);
-/// VTK XML PolyData (appended raw), one vertex cell a sphere, point array "radius": ParaView's Point Gaussian or Glyph
-/// filter and 3D Slicer show it as spheres. float32. The field arrays SPACE ("LPS", which 3D Slicer obeys) and UNITS
-/// ("mm") state the frame.
-std::string spheres_to_vtp(std::span<const Sphere> spheres);
+/// One more number for each sphere, beside x, y, z and r.
+struct SphereColumn {
+  std::string name;  ///< of ASCII letters, digits and underscores; ends in its unit if it has one
+  std::vector<double> values;
+};
+
+// Columns must be as long as `spheres`.
+
+/// Header "x,y,z,r" and the names of columns, after "#" comment lines; shortest decimals that read back to the same
+/// float64.
+std::string spheres_to_csv(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
+/// NumPy 1.0 array, little-endian float32, shape (N, 4 + columns), C order: x y z r, then the columns.
+std::string spheres_to_npy(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
+/// Binary little-endian PLY, one vertex a sphere: x y z radius, then the columns, float32. The comment SPACE=LPS is the
+/// one 3D Slicer looks for.
+std::string spheres_to_ply(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
+/// VTK XML PolyData (appended raw), one vertex cell a sphere, point array "radius" and one for each column: ParaView's
+/// Point Gaussian or Glyph filter and 3D Slicer show it as spheres. float32. The field arrays SPACE ("LPS", which 3D
+/// Slicer obeys) and UNITS ("mm") state the frame.
+std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
 
 struct ImportLimits {
   std::size_t max_spheres = 10'000'000;

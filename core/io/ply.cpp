@@ -6,7 +6,7 @@
 
 namespace spherule {
 
-std::string spheres_to_ply(std::span<const Sphere> spheres) {
+std::string spheres_to_ply(std::span<const Sphere> spheres, std::span<const SphereColumn> columns) {
   std::string out =
       "ply\n"
       "format binary_little_endian 1.0\n"
@@ -19,10 +19,11 @@ std::string spheres_to_ply(std::span<const Sphere> spheres) {
       "property float x\n"
       "property float y\n"
       "property float z\n"
-      "property float radius\n"
-      "end_header\n";
-  out.reserve(out.size() + 16 * spheres.size());
-  detail::append_float32_rows(out, spheres);
+      "property float radius\n";
+  for (const SphereColumn& column : columns) out += "property float " + column.name + '\n';
+  out += "end_header\n";
+  out.reserve(out.size() + (16 + 4 * columns.size()) * spheres.size());
+  detail::append_float32_rows(out, spheres, columns);
   return out;
 }
 

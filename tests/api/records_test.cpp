@@ -59,9 +59,16 @@ TEST(Records, OfRequestsReadBack) {
   for (const DerivedRequest& derived : std::vector<DerivedRequest>{{kModel, MeasuresRequest{}},
                                                                    {kModel, ChecksRequest{}},
                                                                    {kModel, RenderRequest{View::left, 3, 4}},
-                                                                   {kModel, ExportRequest{SphereFormat::vtp}}}) {
+                                                                   {kModel, ExportRequest{SphereFormat::vtp}},
+                                                                   {kModel, ContributionsRequest{}}}) {
     EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
+    EXPECT_EQ(derived_from(record_of(derived)).what.index(), derived.what.index());
   }
+  const SphereListing listing{{SphereFigure::share, SphereFigure::index}, SphereOrder::contribution};
+  const DerivedRequest listed{kModel, ExportRequest{SphereFormat::ply, listing}};
+  EXPECT_EQ(path_of(derived_from(record_of(listed))),
+            "/v1/models/" + kModel + "/exports/ply?columns=share,index&order=contribution");
+  EXPECT_NE(identity_of(listed, "1"), identity_of({kModel, ExportRequest{SphereFormat::ply}}, "1"));
 }
 
 TEST(Records, ThatAreDamagedAreCorrupt) {

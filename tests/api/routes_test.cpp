@@ -380,6 +380,60 @@ TEST_F(Routes, PageSpheres) {
   EXPECT_EQ(pointers(ask("GET", path + "?format=csv&offset=1")), "offset ");
 }
 
+TEST_F(Routes, ListSpheresWithTheirContributions) {
+  const std::string path = "/v1/models/" + kModel + "/spheres";
+  Response response = ask("GET", path + "?columns=volume_mm3,rank,index&order=contribution&limit=2");
+  EXPECT_TRUE(std::holds_alternative<api::ContributionsRequest>(service.derived->what)) << "measured first";
+  EXPECT_EQ(service.listing.order, api::SphereOrder::contribution);
+  EXPECT_EQ(body_of(response)["columns"], Json({"x", "y", "z", "r", "volume_mm3", "rank", "index"}));
+  EXPECT_EQ(body_of(response)["spheres"][1], Json({1.0, 0.0, 0.0, 1.5, 0.25, 0.25, 0.25}));
+  EXPECT_EQ(response.header("Link"),
+            "<" + path +
+                "?format=json&columns=volume_mm3,rank,index&order=contribution&offset=2&limit=2>; "
+                "rel=\"next\"");
+  service.derived.reset();
+  EXPECT_EQ(ask("GET", path + "?columns=index").status, 200);
+  EXPECT_FALSE(service.derived) << "a number needs no measures";
+
+  ask("GET", path + "?format=npy&columns=area_mm2,share&order=contribution");
+  const auto wanted = std::get<api::ExportRequest>(service.derived->what);
+  EXPECT_EQ(wanted.listing.columns, (std::vector{api::SphereFigure::area_mm2, api::SphereFigure::share}));
+  EXPECT_EQ(wanted.listing.order, api::SphereOrder::contribution);
+  ask("GET", "/v1/models/" + kModel + "/exports/vtp?columns=cumulative_share");
+  EXPECT_EQ(std::get<api::ExportRequest>(service.derived->what).listing.columns,
+            std::vector{api::SphereFigure::cumulative_share});
+
+  for (const char* bad : {"volume", "volume_mm3,volume_mm3", "x", "volume_mm3;area_mm2"}) {
+    EXPECT_EQ(pointers(ask("GET", path + "?columns=" + bad)), "columns ") << bad;
+  }
+  EXPECT_EQ(pointers(ask("GET", path + "?order=radius")), "order ");
+  service.finished = false;
+  EXPECT_EQ(ask("GET", path + "?order=contribution", {.headers = {{"Prefer", "wait=3"}}}).status, 202);
+  EXPECT_EQ(service.waited, 3);
+}
+
+TEST_F(Routes, ListAsManyComponentsAsAsked) {
+  const std::string path = "/v1/models/" + kModel + "/measures";
+  for (const auto& [query, expected] :
+       {std::pair{"", 10}, std::pair{"?components=0", 0}, std::pair{"?components=1000", 1000}}) {
+    const Json json = body_of(ask("GET", path + query));
+    EXPECT_EQ(json["components"]["items"].size(), static_cast<std::size_t>(expected));
+    EXPECT_EQ(json["components"]["count"], 1200);
+  }
+  EXPECT_EQ(pointers(ask("GET", path + "?components=1001")), "components ");
+  EXPECT_EQ(pointers(ask("GET", path + "?components=-1")), "components ");
+}
+
+TEST_F(Routes, BucketRadiiOnEitherScale) {
+  const std::string path = "/v1/models/" + kModel + "/histogram";
+  EXPECT_EQ(body_of(ask("GET", path))["scale"], "linear");
+  const Json json = body_of(ask("GET", path + "?scale=log&buckets=7"));
+  EXPECT_EQ(json["scale"], "log");
+  EXPECT_EQ(json["counts"].size(), 7U);
+  EXPECT_EQ(json["zero_radius"], 0);
+  EXPECT_EQ(pointers(ask("GET", path + "?scale=square")), "scale ");
+}
+
 TEST_F(Routes, NegotiateSpheres) {
   const std::string path = "/v1/models/" + kModel + "/spheres";
   const auto type = [&](const char* accept) {
@@ -414,7 +468,8 @@ TEST_F(Routes, RenderAsAsked) {
 
 TEST_F(Routes, GiveTheJobOfAnAnswerThatIsNotDone) {
   service.finished = false;
-  for (const char* what : {"measures", "checks", "render", "exports/vtp", "spheres?format=ply"}) {
+  for (const char* what :
+       {"measures", "checks", "render", "exports/vtp", "spheres?format=ply", "spheres?order=contribution"}) {
     const Response response =
         ask("GET", "/v1/models/" + kModel + "/" + what, {.headers = {{"Prefer", "respond-async"}}});
     EXPECT_EQ(response.status, 202) << what;

@@ -33,6 +33,7 @@ class StubService final : public api::Service {
   std::optional<api::ModelRequest> made;
   std::optional<api::DerivedRequest> derived;
   std::optional<api::SphereFormat> imported;
+  api::SphereListing listing;
   double waited = -1;
   api::PageRequest page;
   std::uint64_t announced = 0;
@@ -92,6 +93,19 @@ class StubService final : public api::Service {
     j.elapsed_s = 2;
     j.remaining_s = 2;
     return j;
+  }
+  // Of a raw model, with more components than are listed.
+  static ModelMeasures measures() {
+    ModelMeasures m;
+    m.voxels = VoxelMeasures{4, 8.5};
+    m.tetrahedra.emplace();
+    m.marching_cubes.emplace();
+    m.observations.emplace();
+    m.spheres.bounds.include(Vec3{1, 2, 3});
+    for (std::uint32_t i = 0; i < 1200; ++i) {
+      m.components.push_back({.spheres = 1, .first_sphere = i, .volume_mm3 = 9.5, .area_mm2 = 2, .bounds = {}});
+    }
+    return m;
   }
   static api::Content content(std::string bytes) {
     return {.bytes = bytes.size(),
@@ -168,17 +182,22 @@ class StubService final : public api::Service {
     known(id == kModel);
     deleted.push_back(id);
   }
-  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit) override {
+  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
+                          const api::SphereListing& wanted) override {
     known(id == kModel);
-    api::SpherePage p{.total = 350, .spheres = {}};
+    listing = wanted;
+    api::SpherePage p{.total = 350, .spheres = {}, .columns = {}};
     for (std::uint64_t i = offset; i < 350 && p.spheres.size() < limit; ++i) {
       p.spheres.push_back({{static_cast<double>(i), 0, 0}, 1.5});
     }
+    for (const api::SphereFigure figure : wanted.columns) {
+      p.columns.push_back({std::string(api::name(figure)), std::vector<double>(p.spheres.size(), 0.25)});
+    }
     return p;
   }
-  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets) override {
+  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override {
     known(id == kModel);
-    return {0.5, 2.5, std::vector<std::uint64_t>(buckets, 3)};
+    return {.scale = scale, .min_mm = 0.5, .max_mm = 2.5, .counts = std::vector<std::uint64_t>(buckets, 3)};
   }
   api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override {
     obey();
@@ -187,8 +206,7 @@ class StubService final : public api::Service {
     waited = wait.count();
     if (!finished) return job_info();
     if (std::holds_alternative<api::MeasuresRequest>(request.what)) {
-      return content(
-          api::measures_document(kModel, {.voxels = VoxelMeasures{4, 8.5}, .tetrahedra = TetrahedraMeasures{}}));
+      return content(api::measures_document(kModel, measures()));
     }
     if (std::holds_alternative<api::ChecksRequest>(request.what)) return content(api::checks_document(kModel, {}));
     return content("derived bytes");

@@ -82,9 +82,30 @@ TEST_F(Command, MeasuresTheBall) {
   const Outcome o = run("measures --plain --threshold 100.5" + kBall);
   ASSERT_EQ(o.status, 0) << o.out;
   EXPECT_NEAR(std::stod(o.rows.at("tetrahedra_volume_mm3")), 4.0 / 3 * std::numbers::pi * 1000, 100);
-  EXPECT_EQ(o.rows.at("betti"), "1 0 0");
+  EXPECT_EQ(o.rows.at("tetrahedra_betti"), "1 0 0");
+  EXPECT_EQ(o.rows.at("spheres_betti"), "1 0 0");
+  EXPECT_EQ(o.rows.at("marching_cubes_euler_characteristic"), "1");
+  EXPECT_EQ(o.rows.at("components"), "1");
+  const double exact = 4.0 / 3 * std::numbers::pi * 1000;
+  for (const char* of : {"spheres", "tetrahedra", "marching_cubes", "voxels"}) {
+    EXPECT_NEAR(std::stod(o.rows.at(std::string(of) + "_volume_mm3")), exact, 0.02 * exact) << of;
+  }
+  EXPECT_NEAR(std::stod(o.rows.at("thickness_mean_mm")), 20, 0.5);
+  EXPECT_NEAR(std::stod(o.rows.at("enclosing_sphere_radius_mm")), 10, 0.2);
+  EXPECT_GT(std::stod(o.rows.at("excess_volume_slack_mm3")), 0);
   EXPECT_GT(std::stod(o.rows.at("peak_memory_MiB")), 1);
   EXPECT_TRUE(o.rows.contains("delaunay_time_s"));
+}
+
+TEST_F(Command, MeasuresASetOfSpheres) {
+  std::ofstream(folder_ / "pair.csv") << "x,y,z,r\n0,0,0,1\n5,0,0,2\n";
+  const Outcome o = run("measures --plain FOLDER/pair.csv");
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_NEAR(std::stod(o.rows.at("spheres_volume_mm3")), 12 * std::numbers::pi, 1e-9);
+  EXPECT_NEAR(std::stod(o.rows.at("spheres_area_mm2")), 20 * std::numbers::pi, 1e-9);
+  EXPECT_EQ(o.rows.at("spheres_betti"), "2 0 0");
+  EXPECT_EQ(o.rows.at("enclosing_sphere_radius_mm"), "4");
+  EXPECT_FALSE(o.rows.contains("tetrahedra_volume_mm3"));
 }
 
 TEST_F(Command, ChecksFindNothing) {

@@ -275,6 +275,48 @@ TEST(Vtp, OffsetsLeadToTheArrays) {
   EXPECT_NE(bytes.find(">76 80 83 0<"), std::string::npos) << "the frame is stated";
 }
 
+// Columns follow x, y, z and r in every format.
+TEST(Exports, HaveMoreColumnsWhenGiven) {
+  const std::vector<Sphere> spheres = random_spheres(3);
+  const std::vector<SphereColumn> columns{{"volume_mm3", {1.5, 2.5, 1e-3}}, {"rank", {3, 1, 2}}};
+
+  const std::string csv = spheres_to_csv(spheres, columns);
+  EXPECT_NE(csv.find("\nx,y,z,r,volume_mm3,rank\n"), std::string::npos);
+  EXPECT_TRUE(csv.ends_with(",0.001,2\n")) << csv;
+  EXPECT_EQ(spheres_from_csv(csv), spheres) << "readers take the columns that they know";
+
+  std::string rows;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Sphere& s = spheres[i];
+    for (const double value :
+         {s.centre.x, s.centre.y, s.centre.z, s.radius, columns[0].values[i], columns[1].values[i]}) {
+      rows += number_bytes(static_cast<float>(value), false);
+    }
+  }
+  const std::string npy_bytes = spheres_to_npy(spheres, columns);
+  EXPECT_NE(npy_bytes.find("(3, 6)"), std::string::npos);
+  EXPECT_TRUE(npy_bytes.ends_with("\n" + rows));
+  EXPECT_EQ(npy_bytes.find('\n') % 64, 63U);
+
+  const std::string ply = spheres_to_ply(spheres, columns);
+  EXPECT_TRUE(
+      ply.ends_with("property float radius\nproperty float volume_mm3\nproperty float rank\nend_header\n" + rows));
+
+  const std::string vtp = spheres_to_vtp(spheres, columns);
+  const auto data = vtp.find("<AppendedData encoding=\"raw\">\n_") + 31;
+  for (const auto& [name, values] : columns) {
+    const auto at = vtp.find("Name=\"" + name + "\"");
+    ASSERT_NE(at, std::string::npos);
+    const std::size_t start = data + std::stoul(vtp.substr(vtp.find("offset=\"", at) + 8, 20));
+    std::uint64_t length = 0;
+    std::memcpy(&length, vtp.data() + start, 8);
+    ASSERT_EQ(length, 12U);
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_EQ(vtp.substr(start + 8 + 4 * i, 4), number_bytes(static_cast<float>(values[i]), false));
+    }
+  }
+}
+
 TEST(Exports, OfAnEmptySetAreWholeFiles) {
   EXPECT_TRUE(spheres_to_csv({}).ends_with("\nx,y,z,r\n"));
   EXPECT_EQ(spheres_to_npy({}).size(), 128U);

@@ -19,7 +19,8 @@ class Service : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder = new TemporaryFolder;
-    server = new ServerProcess(folder->path() / "data", {"--max-body-bytes", "8M", "--max-streams", "3"});
+    server = new ServerProcess(folder->path() / "data",
+                               {"--max-body-bytes", "8M", "--max-streams", "3", "--max-spheres", "100000"});
   }
   static void TearDownTestSuite() {
     delete server;
@@ -192,6 +193,16 @@ TEST_F(Service, MakesTheModelOfABall) {
   EXPECT_EQ(measures["tetrahedra"]["betti"], Json({1, 0, 0}));
   EXPECT_NEAR(model["bounds_mm"]["max"][0], 19.5 + radius, 0.1);
   EXPECT_NEAR(measures["spheres"]["radius_max_mm"], radius, 0.2);
+  for (const char* of : {"spheres", "marching_cubes"}) {
+    EXPECT_NEAR(measures[of]["volume_mm3"], exact, 0.02 * exact) << of;
+    EXPECT_EQ(measures[of]["euler_characteristic"], 1) << of;
+  }
+  EXPECT_LT(measures["tetrahedra"]["volume_mm3"], measures["spheres"]["volume_mm3"]);
+  EXPECT_GT(measures["observations"]["excess_volume"]["slack_mm3"], 0);
+  EXPECT_NEAR(measures["smallest_enclosing_sphere"]["radius_mm"], radius, 0.2);
+  EXPECT_NEAR(measures["local_thickness"]["mean_mm"], 2 * radius, 0.5);
+  EXPECT_EQ(measures["components"]["items"].size(), 1U);
+  EXPECT_NEAR(measures["spheres"]["centroid_mm"][0], 19.5, 1e-3);
 
   const Json checks = client().get(path + "/checks").json();
   EXPECT_EQ(checks["violations"], 0);
@@ -271,6 +282,51 @@ TEST_F(Service, ServesSpheresInEveryFormat) {
   EXPECT_EQ(client().get(path + "/exports/npy", {.headers = {{"Range", "bytes=1-5"}}}).body, "NUMPY");
 }
 
+TEST_F(Service, RanksSpheresByWhatTheyContribute) {
+  const Answer created = client().post(
+      "/v1/models", {.body = "x,y,z,r\n0,0,0,1\n10,0,0,2\n10,0,0,0.5\n20,0,0,1\n21,0,0,1\n", .type = "text/csv"});
+  ASSERT_EQ(created.status, 201) << created.body;
+  const std::string path = "/v1/models/" + created.json()["id"].get<std::string>();
+  const std::string columns = "columns=index,volume_mm3,area_mm2,share,rank,cumulative_share";
+  const Json page = client().get(path + "/spheres?" + columns + "&order=contribution").json();
+  ASSERT_EQ(page["spheres"].size(), 5U);
+  std::vector<int> order;
+  double volume = 0, before = HUGE_VAL;
+  for (const Json& row : page["spheres"]) {
+    order.push_back(row[4]);
+    EXPECT_LE(row[5], before);
+    before = row[5];
+    volume += row[5].get<double>();
+    EXPECT_EQ(row[8], order.size()) << "rank";
+  }
+  EXPECT_EQ(order, (std::vector{1, 0, 3, 4, 2}));
+  // 8 and 1 balls of radius 1, two that overlap by a lens of 5π/12, and one hidden.
+  const double ball = 4 * std::numbers::pi / 3;
+  EXPECT_NEAR(volume, 11 * ball - 5 * std::numbers::pi / 12, 1e-11);
+  EXPECT_NEAR(page["spheres"][0][5], 8 * ball, 1e-12);
+  EXPECT_NEAR(page["spheres"][1][6], 4 * std::numbers::pi, 1e-12);
+  EXPECT_NEAR(page["spheres"][0][7], 8 * ball / volume, 1e-12);
+  EXPECT_EQ(page["spheres"][4][5], 0);
+  EXPECT_EQ(page["spheres"][4][9], 1);
+  const Json measures = client().get(path + "/measures").json();
+  EXPECT_NEAR(measures["spheres"]["volume_mm3"], volume, 1e-11);
+  EXPECT_EQ(measures["components"]["count"], 3);
+  EXPECT_EQ(measures["spheres"]["betti"], Json({3, 0, 0}));
+  EXPECT_EQ(client().get(path + "/measures?components=1").json()["components"]["items"].size(), 1U);
+
+  const Json plain = client().get(path + "/spheres?columns=rank&limit=2").json();
+  EXPECT_EQ(plain["spheres"][0], Json({0, 0, 0, 1, 2}));
+  const std::string npy = client().get(path + "/spheres?format=npy&columns=volume_mm3,share").body;
+  EXPECT_NE(npy.find("(5, 6)"), std::string::npos);
+  EXPECT_NE(client().get(path + "/spheres?format=npy").body.find("(5, 4)"), std::string::npos);
+  EXPECT_NE(
+      client().get(path + "/exports/csv?columns=share&order=contribution").body.find("\nx,y,z,r,share\n10,0,0,2,"),
+      std::string::npos);
+  EXPECT_NE(client().get(path + "/exports/vtp?columns=area_mm2").body.find("Name=\"area_mm2\""), std::string::npos);
+  EXPECT_NE(client().get(path + "/exports/ply?columns=rank").body.find("property float rank\n"), std::string::npos);
+  EXPECT_EQ(client().get(path + "/histogram?scale=log&buckets=3").json()["counts"], Json({1, 3, 1}));
+}
+
 TEST_F(Service, RendersPictures) {
   const std::string path = "/v1/models/" + model() + "/render";
   const Answer picture = client().get(path + "?view=h&width=64&height=48");
@@ -305,7 +361,18 @@ TEST_F(Service, ImportsSpheres) {
   const std::string npy = client().get(path + "/exports/npy").body;
   EXPECT_EQ(client().post("/v1/models", {.body = npy, .type = "application/x-npy"}).json()["counts"]["spheres"], 2);
   EXPECT_EQ(client().post("/v1/models?format=npy", {.body = "x,y,z,r\n1,2,3,4\n"}).status, 400);
-  EXPECT_EQ(client().post("/v1/models", {.body = "x,y,z,r\n1,2,3,-4\n", .type = "text/csv"}).status, 422);
+  for (const char* row : {"1,2,3,-4", "nan,2,3,4", "1,2,inf,4", "1,2,3,nan", "1e30,2,3,4", ""}) {
+    const Answer refused =
+        client().post("/v1/models", {.body = std::string("x,y,z,r\n") + row + "\n", .type = "text/csv"});
+    EXPECT_EQ(refused.status, 422) << row;
+    EXPECT_EQ(refused.header("Content-Type"), "application/problem+json") << row;
+    EXPECT_TRUE(refused.json()["detail"].get<std::string>().ends_with('.')) << row;
+  }
+  std::string many = "x,y,z,r\n";
+  for (int i = 0; i <= 100'000; ++i) many += "1,2,3,4\n";
+  const Answer refused = client().post("/v1/models", {.body = many, .type = "text/csv"});
+  EXPECT_EQ(refused.status, 413);
+  EXPECT_NE(refused.json()["detail"].get<std::string>().find("more than 100000 spheres"), std::string::npos);
   EXPECT_EQ(client().ask("DELETE", path).status, 204);
   EXPECT_EQ(client().get(path).status, 404);
 }

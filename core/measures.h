@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// All measures of a model, of each representation that it has: what a user who asks for its measures gets.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/base/context.h"
+#include "core/base/geometry.h"
+#include "core/components.h"
+#include "core/inside.h"
+#include "core/marching_cubes.h"
+#include "core/mass.h"
+#include "core/measure.h"
+#include "core/spheres.h"
+#include "core/thickness.h"
+#include "core/union.h"
+#include "core/volume.h"
+
+namespace spherule {
+
+/// Of the union of a model's spheres.
+struct SpheresMeasures {
+  std::uint64_t count = 0;
+  double radius_min_mm = 0, radius_max_mm = 0;
+  MassProperties mass;
+  double area_mm2 = 0;
+  Box bounds;         ///< of the balls, LPS mm
+  Topology topology;  ///< raw: of the inside tetrahedra (measure_tetrahedra); else union_topology, exact
+};
+
+struct ModelMeasures {
+  SpheresMeasures spheres;
+  std::optional<VoxelMeasures> voxels;  ///< these four: raw models only
+  std::optional<TetrahedraMeasures> tetrahedra;
+  std::optional<MarchingCubesMeasures> marching_cubes;
+  std::optional<Observations> observations;
+  Sphere smallest_enclosing, largest_inscribed;  ///< enclosing.h says what the second one is
+  LocalThickness thickness;
+  std::vector<Component> components;  ///< largest first
+};
+
+/// What a raw model was made from.
+struct MeasuredObject {
+  const Volume& volume;
+  const ObjectRule& rule;
+};
+
+/// Everything but the union, which must be measure_union(model). `object` must be given for a raw model, and only for
+/// one. Costs the sum of its parts; the stages reported are theirs.
+ModelMeasures measure_model(const SphereModel& model, const UnionMeasures& whole,
+                            const std::optional<MeasuredObject>& object, const Context& context = {});
+
+}  // namespace spherule
