@@ -187,14 +187,13 @@ Json spheres_json(const SpheresMeasures& spheres, bool raw) {
   json["bounds_mm"] = bounds_json(spheres.bounds);
   put_topology(json, spheres.topology);
   json["topology_method"] =
-      raw ? "pieces, tunnels and voids of the inside tetrahedra, exact; of the balls themselves they would depend on "
-            "the "
-            "rounding of radii, which leaves pin-holes where many balls meet in a point"
+      raw ? "pieces, tunnels and voids of the inside tetrahedra, exact; those of the balls themselves would depend on "
+            "the rounding of radii, which leaves pin-holes where many balls meet in a point"
           : "pieces, tunnels and voids of the union of closed balls, from the dual complex of their power diagram with "
             "exact predicates: tolerance 0, balls that touch are joined";
   json["method"] =
       raw ? "union of the inside circumspheres: the inside tetrahedra plus, beyond each of their boundary "
-            "facets, the part of one ball, in closed form; relative error about 1e-14 a ball"
+            "facets, the part of one ball, in closed form; relative error below 1e-9"
           : "union of the balls, each within its cell of the power diagram, in closed form; relative error "
             "about 1e-14 a ball";
   return json;
@@ -212,8 +211,7 @@ Json tetrahedra_json(const TetrahedraMeasures& t) {
       "one";
   json["method"] =
       "inside Delaunay tetrahedra: volume and moments summed exactly on the integer lattice; area of the facets "
-      "between "
-      "inside and outside";
+      "between inside and outside";
   return json;
 }
 

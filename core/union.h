@@ -40,8 +40,9 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
 
 /// The union of a raw model's balls. The power diagram of all circumspheres is the tetrahedralization itself, so the
 /// union is the inside tetrahedra and, beyond each of their boundary facets, a part of one ball: only these caps are
-/// computed. A part is its cell's tetrahedron plus its caps. Expected O(cells). Precondition: model.solid.
-/// Reports stage "union".
+/// computed. A part is its cell's tetrahedron plus its caps. Relative error of volume and area below 1e-9: balls that
+/// differ by less than 2^-27 of their radius count as one. Expected O(cells); about 250 bytes a boundary facet and 60
+/// an inside cell. Precondition: model.solid. Reports stage "union".
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context = {});
 
 /// measure_raw_union for a model with a solid, measure_union for any other.
