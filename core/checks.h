@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // The representation's own guarantees, checked on one model. Of the paper's four criteria (section 3.2) the first three
-// are theorems here (core/README.md), so a violation is a defect of this program, not of the scan. The fourth can fail at
-// single points where voxels are much flatter than wide. The bounds are the paper's observations 1, 3 and 5.
+// are theorems here (core/README.md), so a violation is a defect of this program, not of the scan. The fourth can fail
+// at single points where voxels are much flatter than wide. The bounds are the paper's observations 1, 3 and 5.
 #pragma once
 
 #include <cstdint>
