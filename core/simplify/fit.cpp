@@ -3,138 +3,165 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <bit>
+#include <cstring>
 #include <numbers>
 
 namespace spherule::detail {
 
 namespace {
 
-// Directions spread evenly over the sphere, along a spiral (González, Measurement of areas on a sphere using Fibonacci
-// and latitude-longitude lattices, 2010).
+// Directions spread evenly over the sphere along a spiral (Á. González, Measurement of areas on a sphere using
+// Fibonacci and latitude-longitude lattices, 2010).
 Vec3 direction(int i, int count) {
   const double z = 1 - (2 * i + 1.0) / count, around = i * std::numbers::pi * (3 - std::sqrt(5.0));
   const double s = std::sqrt(1 - z * z);
   return {s * std::cos(around), s * std::sin(around), z};
 }
 
-}  // namespace
+// The sum of bytes of 0, 1 or 2, eight at a time. Reads up to seven bytes beyond.
+std::uint64_t sum_of_bytes(const std::uint8_t* bytes, std::size_t count) {
+  const auto word_at = [&](std::size_t i) {
+    std::uint64_t word;
+    std::memcpy(&word, bytes + i, sizeof word);
+    return word;
+  };
+  const auto sum_of_lanes = [](std::uint64_t lanes) {
+    const std::uint64_t pairs = (lanes & 0x00ff00ff00ff00ffU) + (lanes >> 8 & 0x00ff00ff00ff00ffU);
+    return pairs * 0x0001000100010001U >> 48;
+  };
+  constexpr std::size_t most = 127 * 8;  // before a lane of the sum could overflow
+  std::uint64_t sum = 0;
+  for (std::size_t begin = 0; begin < count; begin += most) {
+    const std::size_t end = std::min(count, begin + most);
+    std::uint64_t lanes = 0;
+    std::size_t i = begin;
+    for (; i + 8 <= end; i += 8) lanes += word_at(i);
+    sum += sum_of_lanes(lanes);
+    if (i < end) sum += sum_of_lanes(word_at(i) & ~(~std::uint64_t{0} << 8 * (end - i)));
+  }
+  return sum;
+}
 
-Fit::Fit(const SampledObject& object, std::int32_t margin)
-    : spacing_(object.grid.spacing), open_(object.border == Border::open), grid_{{0, 0, 0}, object.grid.dims} {
-  const auto [nx, ny, nz] = object.grid.dims;
-  window_ = {{nx, ny, nz}, {0, 0, 0}};
+// The smallest window with all inside samples; of no size for none.
+Window window_of(const SampleBits& inside) {
+  const auto [nx, ny, nz] = inside.dims();
+  Window window{{nx, ny, nz}, {nx, ny, nz}};
+  bool first = true;
   for (std::int32_t k = 0; k < nz; ++k) {
     for (std::int32_t j = 0; j < ny; ++j) {
-      const auto row = object.inside.row(j, k);
+      const auto row = inside.row(j, k);
       for (std::size_t w = 0; w < row.size(); ++w) {
         if (row[w] == 0) continue;
-        const auto first = static_cast<std::int32_t>(64 * w) + std::countr_zero(row[w]);
-        const auto last = static_cast<std::int32_t>(64 * w) + 63 - std::countl_zero(row[w]);
-        window_.begin = {std::min(window_.begin[0], first), std::min(window_.begin[1], j),
-                         std::min(window_.begin[2], k)};
-        window_.end = {std::max(window_.end[0], last + 1), std::max(window_.end[1], j + 1),
-                       std::max(window_.end[2], k + 1)};
+        const auto low = static_cast<std::int32_t>(64 * w) + std::countr_zero(row[w]);
+        const auto high = static_cast<std::int32_t>(64 * w) + 64 - std::countl_zero(row[w]);
+        if (first) window = {{low, j, k}, {high, j + 1, k + 1}};
+        first = false;
+        window.begin = {std::min(window.begin[0], low), std::min(window.begin[1], j), std::min(window.begin[2], k)};
+        window.end = {std::max(window.end[0], high), std::max(window.end[1], j + 1), std::max(window.end[2], k + 1)};
       }
     }
   }
+  return window;
+}
+
+}  // namespace
+
+Fit::Fit(const SampledObject& object)
+    : spacing_(object.grid.spacing),
+      voxel_(std::cbrt(object.sample_mm3())),
+      window_(window_of(object.inside)),
+      border_open_(object.border == Border::open) {
+  const auto& dims = object.grid.dims;
+  Window within = window_;
   for (std::size_t a = 0; a < 3; ++a) {
-    window_.begin[a] -= margin;
-    window_.end[a] += margin;
-    if (open_)
-      window_.begin[a] = std::max(window_.begin[a], 0), window_.end[a] = std::min(window_.end[a], object.grid.dims[a]);
+    window_.begin[a] -= kMargin;
+    window_.end[a] += kMargin;
+    if (border_open_) {
+      window_.begin[a] = std::max(window_.begin[a], 0);
+      window_.end[a] = std::min(window_.end[a], dims[a]);
+    }
   }
   const std::size_t count = static_cast<std::size_t>(window_.size(0)) * static_cast<std::size_t>(window_.size(1)) *
                             static_cast<std::size_t>(window_.size(2));
-  value_.assign(count, outside);
   count_.assign(count, 0);
-  for (std::int32_t k = std::max(window_.begin[2], 0); k < std::min(window_.end[2], nz); ++k) {
-    for (std::int32_t j = std::max(window_.begin[1], 0); j < std::min(window_.end[1], ny); ++j) {
-      const auto row = object.inside.row(j, k);
-      std::int8_t* values = value_.data() + offset(j, k) - window_.begin[0];
-      for (std::int32_t i = std::max(window_.begin[0], 0); i < std::min(window_.end[0], nx); ++i) {
-        if (row[static_cast<std::size_t>(i) / 64] >> (i % 64) & 1) values[i] = inside;
+  value_.assign(count, 1 + kOutside);
+  for (std::int32_t k = within.begin[2]; k < within.end[2]; ++k) {
+    for (std::int32_t j = within.begin[1]; j < within.end[1]; ++j) {
+      for (std::int32_t i = within.begin[0]; i < within.end[0]; ++i) {
+        if (object.inside.test(i, j, k)) value_[at(i, j, k)] = 1 + kInside;
       }
     }
   }
+  open_ = value_;
+  open_.resize(count + sizeof(std::uint64_t), 1);
 }
 
 void Fit::change(const Sphere& ball, int by) {
   visit_rows(spacing_, ball, window_, [&](std::int32_t j, std::int32_t k, Run run) {
-    std::uint16_t* counts = count_.data() + offset(j, k) - window_.begin[0];
-    for (std::int32_t i = run.begin; i < run.end; ++i) counts[i] = static_cast<std::uint16_t>(counts[i] + by);
+    const std::size_t row = at(run.begin, j, k), end = row + static_cast<std::size_t>(run.end - run.begin);
+    for (std::size_t s = row; s < end; ++s) {
+      count_[s] = static_cast<std::uint16_t>(count_[s] + by);
+      open_[s] = count_[s] == 0 ? value_[s] : std::uint8_t{1};
+    }
   });
 }
 
-static int W = getenv("W") ? atoi(getenv("W")) : 0;
 std::int64_t Fit::gain(const Sphere& ball) const {
-  std::int64_t samples = 0;
-  double sum = 0;
+  std::int64_t sum = 0, samples = 0;
   visit_rows(spacing_, ball, window_, [&](std::int32_t j, std::int32_t k, Run run) {
-    const std::size_t row = offset(j, k);
-    const std::int8_t* values = value_.data() + row - window_.begin[0];
-    const std::uint16_t* counts = count_.data() + row - window_.begin[0];
-    std::int32_t in_row = 0;
-    for (std::int32_t i = run.begin; i < run.end; ++i)
-      in_row += counts[i] == 0 ? 16 * values[i] : values[i] < 0 ? -W : 0;
-    sum += in_row / 16.0;
+    const auto length = static_cast<std::size_t>(run.end - run.begin);
+    sum += static_cast<std::int64_t>(sum_of_bytes(open_.data() + at(run.begin, j, k), length)) -
+           static_cast<std::int64_t>(length);
     samples += run.end - run.begin;
   });
-  if (open_) return (std::int64_t)sum;
-  // Samples of the ball beyond the window, by its volume: only how bad is in question.
   bool within = true;
   for (int a = 0; a < 3; ++a) {
     const auto axis = static_cast<std::size_t>(a);
-    within &= ball.centre[a] - ball.radius >= spacing_[a] * (window_.begin[axis] - 1) &&
-              ball.centre[a] + ball.radius <= spacing_[a] * window_.end[axis];
+    within &= ball.centre[a] - ball.radius > spacing_[a] * (window_.begin[axis] - 1) &&
+              ball.centre[a] + ball.radius < spacing_[a] * window_.end[axis];
   }
-  if (within) return (std::int64_t)sum;
-  const double volume = 4 * std::numbers::pi / 3 * ball.radius * ball.radius * ball.radius;
-  return (std::int64_t)sum -
-         std::max<std::int64_t>(static_cast<std::int64_t>(volume / (spacing_.x * spacing_.y * spacing_.z)) - samples,
-                                0);
+  if (border_open_ || within) return sum;
+  // Beyond the window all is outside; how many samples the ball has there, its volume tells well enough.
+  const double all = 4 * std::numbers::pi / 3 * std::pow(ball.radius / voxel_, 3);
+  return sum - std::max<std::int64_t>(static_cast<std::int64_t>(all) - samples, 0);
 }
 
-int Fit::value_near(Vec3 p, const Sphere* own, bool all_out) const {
-  const auto i = static_cast<std::int32_t>(std::floor(p.x / spacing_.x + 0.5));
-  const auto j = static_cast<std::int32_t>(std::floor(p.y / spacing_.y + 0.5));
-  const auto k = static_cast<std::int32_t>(std::floor(p.z / spacing_.z + 0.5));
-  if (i < window_.begin[0] || j < window_.begin[1] || k < window_.begin[2] || i >= window_.end[0] ||
-      j >= window_.end[1] || k >= window_.end[2]) {
-    return open_ ? 0 : -1;
+// The value of the nearest sample while no ball holds it, else 0.
+int Fit::open_near(Vec3 p) const {
+  std::array<std::int32_t, 3> s{};
+  for (int a = 0; a < 3; ++a) {
+    const auto axis = static_cast<std::size_t>(a);
+    const double index = std::floor(p[a] / spacing_[a] + 0.5);
+    if (!(index >= window_.begin[axis] && index < window_.end[axis])) return border_open_ ? 0 : kOutside;
+    s[axis] = static_cast<std::int32_t>(index);
   }
-  const std::size_t at = offset(j, k) + static_cast<std::size_t>(i - window_.begin[0]);
-  if (all_out && value_[at] < 0) return -1;
-  int n = count_[at];
-  if (own)
-    n -= squared_norm(Vec3{i * spacing_.x, j * spacing_.y, k * spacing_.z} - own->centre) <= own->radius * own->radius;
-  return n == 0 ? value_[at] : 0;
+  return open_[at(s[0], s[1], s[2])] - 1;
 }
 
-Sphere Fit::fitted(const Sphere& ball, bool laid, double ridge) const {
-  const double voxel = std::cbrt(spacing_.x * spacing_.y * spacing_.z), step = 0.5 * smallest_spacing();
-  const double farthest = std::max(4 * voxel, 0.5 * ball.radius);
-  const int count = static_cast<int>(std::clamp(3 * std::pow(ball.radius / voxel, 2), 60.0, 400.0));
+Sphere Fit::fitted(const Sphere& ball) const {
+  const double step = 0.5 * std::min({spacing_.x, spacing_.y, spacing_.z});
+  const double farthest = std::max(4 * voxel_, 0.5 * ball.radius);
+  const int count = static_cast<int>(std::clamp(3 * std::pow(ball.radius / voxel_, 2), 60.0, 400.0));
+  // Weighted least squares for (dr, dx): the sphere's point in direction u should move by dr + u·dx, to where the
+  // object ends. A weight of one over the distance makes the sum of squares the volume between.
   Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
   Eigen::Vector4d right = Eigen::Vector4d::Zero();
-  double total = 0;
   for (int d = 0; d < count; ++d) {
     const Vec3 u = direction(d, count);
-    const int value = value_near(ball.centre + ball.radius * u, laid ? &ball : nullptr, false);
+    const int value = open_near(ball.centre + ball.radius * u);
     if (value == 0) continue;
+    // Out through what is still to be covered, or in through what should not have been.
+    const double most = value == kInside ? farthest : std::min(farthest, ball.radius);
     double beyond = 0;
-    const double most = value == inside ? farthest : std::min(farthest, ball.radius);
-    while (beyond < most &&
-           value_near(ball.centre + (ball.radius + value * beyond) * u, laid ? &ball : nullptr, laid) == value)
-      beyond += step;
-    const double error = value * (beyond - 0.5 * step);
-    const double weight = 1 / (voxel + std::abs(error));
+    while (beyond < most && open_near(ball.centre + (ball.radius + value * beyond) * u) == value) beyond += step;
+    const double distance = value * (beyond - 0.5 * step), weight = 1 / (voxel_ + std::abs(distance));
     const Eigen::Vector4d row(1, u.x, u.y, u.z);
     normal += weight * row * row.transpose();
-    right += weight * error * row;
-    total += weight;
+    right += weight * distance * row;
   }
-  if (total == 0) return ball;
-  normal.diagonal().array() += ridge * count / voxel;
+  // What is hardly exposed should hardly move, along directions that nothing holds least of all.
+  normal.diagonal().array() += 0.01 * count / voxel_;
   const Eigen::Vector4d x = normal.ldlt().solve(right);
   return {ball.centre + Vec3{x(1), x(2), x(3)}, std::max(ball.radius + x(0), step)};
 }

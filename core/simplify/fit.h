@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "core/base/geometry.h"
@@ -13,44 +12,45 @@
 
 namespace spherule::detail {
 
-/// How many balls hold each sample in and around the object. Everything is in mm along the grid's axes. The score of a
-/// set of balls is covered inside samples less covered outside ones: |object| less the samples that balls and object
-/// do not share. Not thread safe while it changes; const members are.
+/// How many balls hold each sample in and around the object. Balls are in mm along the grid's axes. The score of a set
+/// of balls is the covered inside samples less the covered outside ones: the object's samples less those in which it
+/// and the balls differ. At most 65,535 balls. 4 bytes a sample; not thread safe while it changes.
 class Fit {
  public:
-  /// `margin`: samples kept around the object's own box; balls that spill beyond are charged for every sample there.
-  explicit Fit(const SampledObject& object, std::int32_t margin = 12);
+  explicit Fit(const SampledObject& object);
 
-  Vec3 spacing() const { return spacing_; }
-  double smallest_spacing() const { return std::min({spacing_.x, spacing_.y, spacing_.z}); }
+  double voxel() const { return voxel_; }
 
   void add(const Sphere& ball) { change(ball, 1); }
   void remove(const Sphere& ball) { change(ball, -1); }
-  /// What adding the ball would add to the score. O(samples in the ball), a few a nanosecond.
+  /// What adding the ball would add to the score. O(samples in the ball).
   std::int64_t gain(const Sphere& ball) const;
 
-  /// A ball near `ball`, which must not be laid out now, whose surface is closer to where the object ends among the
-  /// other balls: the least squares fit of its exposed surface (Gauss-Newton on the gradient of the score, by
-  /// quadrature over directions). Not sure to score better.
-  Sphere fitted(const Sphere& ball, bool laid = false, double ridge = 0.01) const;
+  /// A ball near `ball` (which is not laid) whose surface is closer to where the object ends among the other balls: one
+  /// Gauss-Newton step on the volume in which they differ, its gradient (dV/dr and dV/dx over the exposed surface) by
+  /// quadrature over directions. Not sure to score better. O(1) steps a direction.
+  Sphere fitted(const Sphere& ball) const;
 
  private:
-  enum Sample : std::int8_t { outside = -1, taken = 0, inside = 1 };
+  static constexpr std::int32_t kMargin = 12;  // samples around the object's own box
+  static constexpr int kOutside = -1, kInside = 1;
 
   void change(const Sphere& ball, int by);
-  std::size_t offset(std::int32_t j, std::int32_t k) const {
+  std::size_t at(std::int32_t i, std::int32_t j, std::int32_t k) const {
     return (static_cast<std::size_t>(k - window_.begin[2]) * static_cast<std::size_t>(window_.size(1)) +
             static_cast<std::size_t>(j - window_.begin[1])) *
-           static_cast<std::size_t>(window_.size(0));
+               static_cast<std::size_t>(window_.size(0)) +
+           static_cast<std::size_t>(i - window_.begin[0]);
   }
-  int value_near(Vec3 p, const Sphere* own, bool all_out) const;
+  int open_near(Vec3 p) const;
 
   Vec3 spacing_;
+  double voxel_ = 1;  // edge of a cube of a sample's volume, mm
   Window window_;
-  bool open_;
-  Window grid_;
-  std::vector<std::int8_t> value_;    // inside or outside
+  bool border_open_;
   std::vector<std::uint16_t> count_;  // balls that hold the sample
+  std::vector<std::uint8_t> value_;   // 1 more than kInside or kOutside
+  std::vector<std::uint8_t> open_;    // 1 more than its value while no ball holds it, else 1; and a word more
 };
 
 }  // namespace spherule::detail

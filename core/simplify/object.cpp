@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
@@ -134,12 +135,23 @@ Window detail::window_of(Vec3 spacing, std::span<const Sphere> balls) {
   Window window;
   if (box.empty()) return window;
   for (int a = 0; a < 3; ++a) {
-    const Run run = samples_within(spacing[a], 0.5 * (box.min[a] + box.max[a]),
+    const Run run = samples_within(1 / spacing[a], 0.5 * (box.min[a] + box.max[a]),
                                    0.5 * (box.max[a] - box.min[a]) + spacing[a], -limit, limit);
     window.begin[static_cast<std::size_t>(a)] = run.begin;
     window.end[static_cast<std::size_t>(a)] = run.end;
   }
   return window;
+}
+
+SampleBits detail::held_samples(std::span<const Sphere> balls, Vec3 spacing, const Window& window,
+                                const Context& context) {
+  SampleBits held({window.size(0), window.size(1), window.size(2)});
+  visit_covered(balls, spacing, window, context, [&](std::int32_t k, SliceBits& slice) {
+    for (std::int32_t j = window.begin[1]; j < window.end[1]; ++j) {
+      std::ranges::copy(slice.row(j), held.row(j - window.begin[1], k - window.begin[2]).begin());
+    }
+  });
+  return held;
 }
 
 SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples, const Context& context) {
@@ -156,30 +168,25 @@ SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples, c
   object.grid.origin = box.min - Vec3{step / 2, step / 2, step / 2};
   for (int a = 0; a < 3; ++a)
     object.grid.dims[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(size[a] / step) + 2;
-  object.inside = SampleBits(object.grid.dims);
-  const Window window = whole(object.grid);
-  visit_covered(in_grid(balls, object.grid), object.grid.spacing, window, context,
-                [&](std::int32_t k, SliceBits& slice) {
-                  for (std::int32_t j = 0; j < object.grid.dims[1]; ++j)
-                    std::ranges::copy(slice.row(j), object.inside.row(j, k).begin());
-                });
+  object.inside = detail::held_samples(in_grid(balls, object.grid), object.grid.spacing, whole(object.grid), context);
   return object;
 }
 
-SampledObject subsampled(const SampledObject& object, std::int32_t step) {
-  SPHERULE_CHECK(step >= 1);
+SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps) {
   SampledObject result{.grid = object.grid, .inside = {}, .border = object.border};
   for (std::size_t a = 0; a < 3; ++a) {
-    result.grid.dims[a] = (object.grid.dims[a] + step - 1) / step;
-    result.grid.spacing[static_cast<int>(a)] *= step;
+    SPHERULE_CHECK(steps[a] >= 1);
+    result.grid.dims[a] = (object.grid.dims[a] + steps[a] - 1) / steps[a];
+    result.grid.spacing[static_cast<int>(a)] *= steps[a];
   }
   result.inside = SampleBits(result.grid.dims);
   for (std::int32_t k = 0; k < result.grid.dims[2]; ++k) {
     for (std::int32_t j = 0; j < result.grid.dims[1]; ++j) {
       const auto row = result.inside.row(j, k);
       for (std::int32_t i = 0; i < result.grid.dims[0]; ++i) {
-        if (object.inside.test(i * step, j * step, k * step))
+        if (object.inside.test(i * steps[0], j * steps[1], k * steps[2])) {
           row[static_cast<std::size_t>(i) / 64] |= std::uint64_t{1} << (i % 64);
+        }
       }
     }
   }
@@ -218,24 +225,34 @@ bool never_spills(std::span<const Sphere> balls, const SampledObject& object, co
   return !spills;
 }
 
-bool covers_all(std::span<const Sphere> balls, const SampledObject& object, const Context& context) {
+std::vector<std::array<std::int32_t, 3>> not_covered(std::span<const Sphere> balls, const SampledObject& object,
+                                                     const Context& context) {
   std::vector<Sphere> safe;
   for (const Sphere& ball : balls) {
     Sphere local = detail::to_grid(object.grid, ball);
     local.radius -= detail::rounding_bound(object.grid, ball);
     if (local.radius > 0) safe.push_back(local);
   }
-  std::atomic<bool> all{true};
+  std::vector<std::vector<std::array<std::int32_t, 3>>> missing(static_cast<std::size_t>(object.grid.dims[2]));
   visit_covered(safe, object.grid.spacing, whole(object.grid), context, [&](std::int32_t k, SliceBits& slice) {
     for (std::int32_t j = 0; j < object.grid.dims[1]; ++j) {
       const auto have = slice.row(j);
       const auto want = object.inside.row(j, k);
       for (std::size_t w = 0; w < want.size(); ++w) {
-        if ((want[w] & ~have[w]) != 0) all = false;
+        for (std::uint64_t bits = want[w] & ~have[w]; bits != 0; bits &= bits - 1) {
+          missing[static_cast<std::size_t>(k)].push_back(
+              {static_cast<std::int32_t>(64 * w) + std::countr_zero(bits), j, k});
+        }
       }
     }
   });
+  std::vector<std::array<std::int32_t, 3>> all;
+  for (const auto& slice : missing) all.insert(all.end(), slice.begin(), slice.end());
   return all;
+}
+
+bool covers_all(std::span<const Sphere> balls, const SampledObject& object, const Context& context) {
+  return not_covered(balls, object, context).empty();
 }
 
 Sphere cut_to_object(const Sphere& ball, const SampledObject& object) {

@@ -3,8 +3,10 @@
 // What a simplified model is measured against: the samples of the object, and which of them balls hold.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "core/base/context.h"
 #include "core/base/geometry.h"
@@ -28,8 +30,8 @@ struct SampledObject {
 SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples = std::size_t{1} << 22,
                            const Context& context = {});
 
-/// Every step-th sample along each axis, from the first. O(samples).
-SampledObject subsampled(const SampledObject& object, std::int32_t step);
+/// Every steps[a]-th sample along each axis a, from the first. O(samples).
+SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps);
 
 /// Numbers of samples in and around a union of balls. A sample on a sphere is in the ball, to rounding.
 struct Overlap {
@@ -48,7 +50,10 @@ Overlap measure_overlap(std::span<const Sphere> balls, const SampledObject& obje
 
 /// Whether no ball holds or touches any outside sample.
 bool never_spills(std::span<const Sphere> balls, const SampledObject& object, const Context& context = {});
-/// Whether every inside sample is within some ball.
+/// The inside samples (indices) that are not within any ball beyond doubt, ascending by z, y, x.
+std::vector<std::array<std::int32_t, 3>> not_covered(std::span<const Sphere> balls, const SampledObject& object,
+                                                     const Context& context = {});
+/// Whether there are none of these: every inside sample is within some ball.
 bool covers_all(std::span<const Sphere> balls, const SampledObject& object, const Context& context = {});
 
 /// The ball with its radius cut to where never_spills holds for it; radius 0 when its centre is on an outside sample.

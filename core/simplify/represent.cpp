@@ -6,8 +6,9 @@
 #include <numbers>
 
 #include "core/base/parallel.h"
+#include "core/enclosing.h"
 #include "core/predicates.h"
-#include "core/simplify/enclosing.h"
+#include "core/union.h"
 
 namespace spherule {
 
@@ -35,9 +36,7 @@ std::vector<double> volume_shares(const SphereModel& model, const Context& conte
   if (model.solid) {
     shares = tetrahedron_volumes(*model.solid, context);
   } else {
-    for (const Sphere& s : model.spheres) {
-      shares.push_back(4 * std::numbers::pi / 3 * s.radius * s.radius * s.radius);
-    }
+    for (const BallPart& part : measure_union(model, context).parts) shares.push_back(part.volume_mm3);
   }
   if (std::ranges::all_of(shares, [](double share) { return share == 0; })) std::ranges::fill(shares, 1.0);
   return shares;
@@ -46,7 +45,11 @@ std::vector<double> volume_shares(const SphereModel& model, const Context& conte
 Sphere represent(Representative by, std::span<const Sphere> balls, std::span<const double> shares,
                  std::span<const std::uint32_t> members) {
   switch (by) {
-    case Representative::enclosing: return smallest_enclosing(balls, members).sphere;
+    case Representative::enclosing: {
+      std::vector<Sphere> all;
+      for (const std::uint32_t m : members) all.push_back(balls[m]);
+      return smallest_enclosing_sphere(all);
+    }
     case Representative::largest:
       return balls[*std::ranges::max_element(members, {}, [&](std::uint32_t m) { return balls[m].radius; })];
     case Representative::mean:

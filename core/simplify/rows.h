@@ -3,12 +3,15 @@
 // The samples within a ball, row by row. Private to core/simplify.
 #pragma once
 
-#include <bit>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <span>
 
+#include "core/base/context.h"
 #include "core/base/geometry.h"
+#include "core/inside.h"
 #include "core/volume.h"
 
 namespace spherule::detail {
@@ -38,29 +41,36 @@ inline double rounding_bound(const Grid& grid, const Sphere& ball) {
   return 0x1p-46 * largest;
 }
 
-/// The indices within [begin, end) of the samples i with |i · spacing - at| <= reach, half-open.
+/// Samples along one axis, half-open.
 struct Run {
   std::int32_t begin = 0, end = 0;
 };
-inline Run samples_within(double spacing, double at, double reach, std::int32_t begin, std::int32_t end) {
-  const double lo = std::ceil((at - reach) / spacing), hi = std::floor((at + reach) / spacing) + 1;
-  return {static_cast<std::int32_t>(std::clamp(lo, double(begin), double(end))),
-          static_cast<std::int32_t>(std::clamp(hi, double(begin), double(end)))};
+
+/// The indices i within [begin, end) of the samples with |i · spacing - at| <= reach. Rounding up and down by
+/// conversion to integers: without it this is most of the time that small balls take.
+inline Run samples_within(double per_mm, double at, double reach, std::int32_t begin, std::int32_t end) {
+  const double lo = std::clamp((at - reach) * per_mm, double(begin), double(end));
+  const double hi = std::clamp((at + reach) * per_mm, double(begin) - 1, double(end) - 1);
+  auto first = static_cast<std::int32_t>(lo), last = static_cast<std::int32_t>(hi);
+  first += first < lo;
+  last -= last > hi;
+  return {first, last + 1};
 }
 
 /// Calls visit(j, k, run) for every row of the window that the ball (in grid mm) reaches, z then y ascending; runs are
 /// not empty.
 template <typename Visit>
 void visit_rows(Vec3 spacing, const Sphere& ball, const Window& window, Visit&& visit) {
-  const Run ks = samples_within(spacing.z, ball.centre.z, ball.radius, window.begin[2], window.end[2]);
+  const Vec3 per_mm{1 / spacing.x, 1 / spacing.y, 1 / spacing.z};
+  const Run ks = samples_within(per_mm.z, ball.centre.z, ball.radius, window.begin[2], window.end[2]);
   for (std::int32_t k = ks.begin; k < ks.end; ++k) {
     const double dz = k * spacing.z - ball.centre.z;
     const double disk = std::max(ball.radius * ball.radius - dz * dz, 0.0);
-    const Run js = samples_within(spacing.y, ball.centre.y, std::sqrt(disk), window.begin[1], window.end[1]);
+    const Run js = samples_within(per_mm.y, ball.centre.y, std::sqrt(disk), window.begin[1], window.end[1]);
     for (std::int32_t j = js.begin; j < js.end; ++j) {
       const double dy = j * spacing.y - ball.centre.y;
       const double half = std::sqrt(std::max(disk - dy * dy, 0.0));
-      const Run run = samples_within(spacing.x, ball.centre.x, half, window.begin[0], window.end[0]);
+      const Run run = samples_within(per_mm.x, ball.centre.x, half, window.begin[0], window.end[0]);
       if (run.begin < run.end) visit(j, k, run);
     }
   }
@@ -80,5 +90,8 @@ void visit_words(std::size_t begin, std::size_t end, F&& f) {
 /// The window that holds every sample of the balls (in grid mm); empty for none. Indices are kept within a tenth of
 /// what an int32 holds.
 Window window_of(Vec3 spacing, std::span<const Sphere> balls);
+
+/// The samples of a window that some ball (in grid mm) holds; sample 0 of the result is the window's first.
+SampleBits held_samples(std::span<const Sphere> balls, Vec3 spacing, const Window& window, const Context& context);
 
 }  // namespace spherule::detail

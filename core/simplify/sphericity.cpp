@@ -6,8 +6,7 @@
 #include <queue>
 #include <tuple>
 
-#include "core/simplify/components.h"
-#include "core/simplify/enclosing.h"
+#include "core/simplify/ball_components.h"
 #include "core/simplify/levels.h"
 
 namespace spherule {
@@ -16,6 +15,21 @@ namespace {
 
 // Rounding of an enclosing sphere may leave a cluster that passes by this much short of the threshold.
 constexpr double kSlack = 1e-9;
+
+// The smallest sphere around members, and those that touch it: it stays the smallest for any subset with these.
+struct Enclosing {
+  Sphere sphere;
+  std::vector<std::uint32_t> touching;
+};
+
+Enclosing enclosing_of(std::span<const Sphere> balls, std::span<const std::uint32_t> members) {
+  Enclosing result{represent(Representative::enclosing, balls, {}, members), {}};
+  for (const std::uint32_t m : members) {
+    const double reach = norm(balls[m].centre - result.sphere.centre) + balls[m].radius;
+    if (reach >= result.sphere.radius * (1 - kSlack)) result.touching.push_back(m);
+  }
+  return result;
+}
 
 struct Cluster {
   std::vector<std::uint32_t> members;  // ascending
@@ -82,7 +96,7 @@ class Clustering {
   void add(std::vector<std::uint32_t> members, bool connected, std::uint32_t parent, std::uint32_t level) {
     Cluster cluster{.members = std::move(members), .connected = connected};
     cluster.largest = largest_of(balls_, cluster.members);
-    cluster.enclosing = smallest_enclosing(balls_, cluster.members);
+    cluster.enclosing = enclosing_of(balls_, cluster.members);
     put(count(), std::move(cluster), parent, level);
   }
 
@@ -151,8 +165,8 @@ class Clustering {
       std::erase_if(main.members, [&](std::uint32_t m) { return !stays(m); });
       main.largest = largest_of(balls_, main.members);
     }
-    main.enclosing = std::ranges::all_of(cluster.enclosing.support, stays) ? cluster.enclosing
-                                                                           : smallest_enclosing(balls_, main.members);
+    main.enclosing =
+        std::ranges::all_of(cluster.enclosing.touching, stays) ? cluster.enclosing : enclosing_of(balls_, main.members);
     put(slot, std::move(main), cluster.node, level);
   }
 
@@ -180,7 +194,8 @@ class Clustering {
 }  // namespace
 
 double sphericity(std::span<const Sphere> balls, std::span<const std::uint32_t> members) {
-  return sphericity_of(balls[largest_of(balls, members)].radius, smallest_enclosing(balls, members).sphere.radius);
+  return sphericity_of(balls[largest_of(balls, members)].radius,
+                       represent(Representative::enclosing, balls, {}, members).radius);
 }
 
 Simplification cluster_by_sphericity(const SphereModel& model, const SphericityOptions& options,

@@ -21,8 +21,8 @@ struct SplittingOptions {
   };
   At at = At::median;
   std::uint32_t k = 256;  ///< spheres wanted: 1 … the model's count
-  /// Keeping the volume of each cluster overlaps best with the object.
-  Representative representative = Representative::volume;
+  /// Mean radii overlap best with the object, by a large part when clusters are many.
+  Representative representative = Representative::mean;
 };
 
 /// Splits the cluster whose centres spread most (the largest variance along any direction) across that direction, its

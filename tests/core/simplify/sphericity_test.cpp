@@ -5,8 +5,7 @@
 
 #include <algorithm>
 
-#include "core/simplify/components.h"
-#include "core/simplify/enclosing.h"
+#include "core/simplify/ball_components.h"
 #include "tests/core/simplify/sets.h"
 
 namespace spherule {
@@ -81,7 +80,7 @@ Lists clusters_of(const Simplification& s) {
   return sorted(lists);
 }
 
-TEST(Components, AgreeWithTheSlowModelWhileBallsLeave) {
+TEST(BallComponents, AgreeWithTheSlowModelWhileBallsLeave) {
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     const SphereModel model = seed % 4 == 0 ? sets::raw_model(sets::dumbbell(), 9)
                                             : sets::random_balls(150, 10, 0.05, 0.4 + 0.02 * double(seed), seed);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "core/simplify/components.h"
+#include "core/simplify/ball_components.h"
 
 #include <algorithm>
 #include <numeric>
