@@ -463,8 +463,8 @@ struct Pipeline::State {
     if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(resource, *model, job);
     if (std::holds_alternative<api::ChecksRequest>(request.what)) bytes = checks(resource, *model, job);
     if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
-      bytes = encode_png(
-          render_spheres(*model, {.width = render->width, .height = render->height, .view = render->view}, context));
+      const RenderOptions options{.width = render->width, .height = render->height, .views = {render->view}};
+      bytes = encode_png(spherule::render(std::array{Subject{.model = model.get()}}, options, context).front());
     }
     if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
       bytes = exported(resource, *model, *wanted, context);
