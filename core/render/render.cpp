@@ -19,14 +19,16 @@ namespace {
 constexpr std::array<Colour, 2> kMaterials{Colour{0.90, 0.71, 0.50}, Colour{0.36, 0.58, 0.82}};
 constexpr int kMaxSide = 8192;
 
-void check(const RenderOptions& o) {
+}  // namespace
+
+void check_render_options(const RenderOptions& o) {
   std::vector<FieldError> fields;
   const auto need = [&](bool good, const char* field, const char* detail) {
     if (!good) fields.push_back({field, detail});
   };
   need(o.width >= 1 && o.width <= kMaxSide, "width", "must be within 1 and 8192 pixels");
   need(o.height >= 1 && o.height <= kMaxSide, "height", "must be within 1 and 8192 pixels");
-  need(o.samples_per_axis >= 1 && o.samples_per_axis <= 8, "samples_per_axis", "must be within 1 and 8");
+  need(o.samples_per_axis >= 1 && o.samples_per_axis <= 8, "samples", "must be within 1 and 8");
   need(o.smoothness >= 0 && o.smoothness <= 4, "smoothness", "must be within 0 and 4");
   need(o.point_radius_mm >= 0 && std::isfinite(o.point_radius_mm), "point_radius", "must be 0 or more mm");
   need(o.min_radius_mm >= 0 && std::isfinite(o.min_radius_mm), "min_radius", "must be 0 or more mm");
@@ -51,6 +53,8 @@ void check(const RenderOptions& o) {
     throw Error(ErrorCode::invalid_argument,
                 "The picture's " + fields.front().pointer + ' ' + fields.front().detail + '.', fields);
 }
+
+namespace {
 
 [[noreturn]] void unusable(const char* sentence) { throw Error(ErrorCode::unusable, sentence); }
 
@@ -172,7 +176,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
     }
     case Style::tetrahedra: take_facets(solid_of(model, "tetrahedra"), chosen(model, o), context, drawn); break;
     case Style::surface:
-      SPHERULE_CHECK(subject.surface != nullptr);
+      SPHERULE_CHECK(subject.surface != nullptr);  // who asks for it has made it
       drawn.vertices = subject.surface->vertices;
       drawn.triangles = subject.surface->triangles;
       drawn.of_balls = false;
@@ -224,7 +228,9 @@ std::vector<double> numbers_of(const Subject& subject, const Drawn& drawn, const
             ErrorCode::invalid_argument,
             "Points and the surface belong to no sphere; colour them by component, or the surface by curvature.",
             {{"colour_by", "must be none, component or curvature for this style"}});
-      if (o.colour_by == ColourBy::contribution) {
+      if (o.colour_by == ColourBy::contribution && !subject.contributions_mm3.empty()) {
+        all.assign(subject.contributions_mm3.begin(), subject.contributions_mm3.end());
+      } else if (o.colour_by == ColourBy::contribution) {
         for (const BallPart& part : measure_union(model, context).parts) all.push_back(part.volume_mm3);
       } else {
         for (std::size_t i = 0; i < model.spheres.size(); ++i)
@@ -372,7 +378,7 @@ std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects) {
 
 std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& o, const Context& context) {
   SPHERULE_CHECK(!subjects.empty() && subjects.size() <= kMaterials.size());
-  check(o);
+  check_render_options(o);
   Box box;
   for (const Subject& subject : subjects)
     for (const Sphere& s : subject.model->spheres)

@@ -88,7 +88,8 @@ struct RenderOptions {
 /// A model, and what of it only its volume knows.
 struct Subject {
   const SphereModel* model = nullptr;
-  const Mesh* surface = nullptr;  ///< for Style::surface
+  const Mesh* surface = nullptr;                ///< for Style::surface
+  std::span<const double> contributions_mm3{};  ///< of each sphere, for ColourBy::contribution; else it is measured
 };
 
 /// Ray-traced pictures of one model, or of two: one frame, or those of a turn. Panels of several views lie side by
@@ -100,6 +101,9 @@ struct Subject {
 /// Reports stage "render"; cancelled within tens of ms.
 std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& options = {},
                           const Context& context = {});
+
+/// Throws invalid_argument for options outside their ranges, as render does: before any work.
+void check_render_options(const RenderOptions& options);
 
 /// How many pixels such a picture has, over all panels and frames.
 std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects);
