@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/problem.h"
+#include "api/requests.h"
 
 namespace spherule::api {
 
@@ -494,10 +495,7 @@ std::string path_of(const DerivedRequest& request) {
   struct Visitor {
     std::string operator()(const MeasuresRequest&) const { return "/measures"; }
     std::string operator()(const ChecksRequest&) const { return "/checks"; }
-    std::string operator()(const RenderRequest& r) const {
-      return "/render?view=" + std::string(1, static_cast<char>(r.view)) + "&width=" + std::to_string(r.width) +
-             "&height=" + std::to_string(r.height);
-    }
+    std::string operator()(const RenderRequest& r) const { return "/render" + query_of(r); }
     std::string operator()(const ExportRequest& e) const {
       std::string path = "/exports/" + std::string(name(e.format));
       char before = '?';

@@ -221,18 +221,13 @@ Response get_checks(const Call& call) {
 }
 
 Response get_render(const Call& call) {
-  const Query query(call.request, {"view", "width", "height"});
-  RenderRequest render;
-  if (const auto view = query.choice("view", {"a", "p", "r", "l", "h", "f"})) {
-    render.view = static_cast<View>(view->front());
-  }
-  render.width = static_cast<int>(query.integer("width", 1, 8192).value_or(render.width));
-  render.height = static_cast<int>(query.integer("height", 1, 8192).value_or(render.height));
+  const RenderRequest render = render_request(call.request);
   const std::uint64_t most = call.service.limits().image_pixels;
-  if (static_cast<std::uint64_t>(render.width) * static_cast<std::uint64_t>(render.height) > most) {
-    throw Error(ErrorCode::too_large, "Ask for a picture of at most " + std::to_string(most) + " pixels.");
+  if (pixels_of(render.options, render.with.empty() ? 1 : 2) > most) {
+    throw Error(ErrorCode::too_large, "Ask for pictures of at most " + std::to_string(most) + " pixels in all.");
   }
-  return derived(call, {.model = call.id(), .what = render}, "image/png", {});
+  const char* type = render.options.turntable > 0 ? "image/gif" : "image/png";
+  return derived(call, {.model = call.id(), .what = render}, type, {});
 }
 
 Response get_export(const Call& call) {

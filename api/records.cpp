@@ -2,10 +2,14 @@
 #include <nlohmann/json.hpp>
 
 #include "api/documents.h"
+#include "core/render/options.h"
 
 namespace spherule::api {
 
 namespace {
+
+// Changes when pictures do, so that those kept by an older program are drawn anew.
+constexpr int kPictureEdition = 2;
 
 // Members ascend, which with dump() is the canonical form.
 using Json = nlohmann::json;
@@ -93,9 +97,9 @@ Json to_json(const DerivedRequest& request) {
   if (std::holds_alternative<ChecksRequest>(request.what)) json["what"] = "checks";
   if (const auto* render = std::get_if<RenderRequest>(&request.what)) {
     json["what"] = "render";
-    json["view"] = std::string(1, static_cast<char>(render->view));
-    json["width"] = render->width;
-    json["height"] = render->height;
+    json["edition"] = kPictureEdition;
+    for (const auto& [name, text] : render_option_texts(render->options)) json["options"][name] = text;
+    if (!render->with.empty()) json["with"] = render->with;
   }
   if (const auto* format = std::get_if<ExportRequest>(&request.what)) {
     json["what"] = "export";
@@ -237,9 +241,9 @@ DerivedRequest derived_from(std::string_view record) {
     } else if (what == "contributions") {
       request.what = ContributionsRequest{};
     } else if (what == "render") {
-      request.what = RenderRequest{.view = static_cast<View>(json.at("view").get<std::string>().at(0)),
-                                   .width = json.at("width"),
-                                   .height = json.at("height")};
+      OptionTexts texts;
+      for (const auto& [name, text] : json.at("options").items()) texts.emplace_back(name, text.get<std::string>());
+      request.what = RenderRequest{.options = parse_render_options(texts), .with = json.value("with", "")};
     } else {
       ExportRequest wanted;
       for (const SphereFormat format : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {

@@ -8,6 +8,7 @@
 
 #include "api/documents.h"
 #include "api/problem.h"
+#include "core/render/options.h"
 
 namespace spherule::api {
 
@@ -48,7 +49,7 @@ std::optional<T> parse_number(std::string_view s) {
   return value;
 }
 
-std::string joined(std::initializer_list<std::string_view> words) {
+std::string joined(std::span<const std::string_view> words) {
   std::string out;
   for (const std::string_view word : words) out += (out.empty() ? "" : ", ") + std::string(word);
   return out;
@@ -78,7 +79,7 @@ bool is_utf8(std::string_view s) {
   return true;
 }
 
-Query::Query(const Request& request, std::initializer_list<std::string_view> known) : request_(request) {
+Query::Query(const Request& request, std::span<const std::string_view> known) : request_(request) {
   std::vector<FieldError> errors;
   for (auto it = request.query.begin(); it != request.query.end(); ++it) {
     const std::string& name = it->first;
@@ -134,7 +135,7 @@ std::optional<std::vector<double>> Query::numbers(std::string_view name, std::si
 std::optional<std::string> Query::choice(std::string_view name, std::initializer_list<std::string_view> choices) const {
   const auto given = text(name);
   if (given && std::ranges::find(choices, *given) == choices.end())
-    refuse(name, "Give one of " + joined(choices) + ".");
+    refuse(name, "Give one of " + joined({choices.begin(), choices.size()}) + ".");
   return given;
 }
 
@@ -202,6 +203,30 @@ VolumeParameters volume_parameters(const Request& request) {
     refuse(parameters.frame ? "frame" : "grid", "Headerless samples are one volume; leave this parameter out.");
   }
   return parameters;
+}
+
+RenderRequest render_request(const Request& request) {
+  std::vector<std::string_view> known(render_option_names().begin(), render_option_names().end());
+  known.push_back("with");
+  const Query query(request, known);
+  RenderRequest wanted;
+  wanted.with = query.text("with").value_or("");
+  OptionTexts given = request.query;
+  std::erase_if(given, [](const auto& pair) { return pair.first == "with"; });
+  wanted.options = parse_render_options(given);
+  if (wanted.with.empty() && query.text("layout")) refuse("layout", "This is for a second model: with=mdl_….");
+  check_render_options(wanted.options);
+  return wanted;
+}
+
+std::string query_of(const RenderRequest& request) {
+  OptionTexts texts = render_option_texts(request.options);
+  const OptionTexts usual = render_option_texts({});
+  std::erase_if(texts, [&](const auto& text) { return std::ranges::find(usual, text) != usual.end(); });
+  if (!request.with.empty()) texts.emplace_back("with", request.with);
+  std::string query;
+  for (const auto& [name, text] : texts) query += (query.empty() ? "?" : "&") + name + "=" + text;
+  return query;
 }
 
 ModelWish model_wish(std::string_view text) {

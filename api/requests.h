@@ -23,7 +23,9 @@ bool is_utf8(std::string_view text);
 /// invalid_argument with the parameter's name as pointer.
 class Query {
  public:
-  Query(const Request& request, std::initializer_list<std::string_view> known);
+  Query(const Request& request, std::initializer_list<std::string_view> known)
+      : Query(request, std::span(known.begin(), known.size())) {}
+  Query(const Request& request, std::span<const std::string_view> known);
 
   std::optional<std::string> text(std::string_view name) const;
   /// A whole number within [least, most].
@@ -45,6 +47,11 @@ SphereListing sphere_listing(const Query& query);
 
 /// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
 VolumeParameters volume_parameters(const Request& request);
+
+/// The options of core/render/options.h and `?with=`, and no other. Throws what check_render_options throws too.
+RenderRequest render_request(const Request& request);
+/// The query that asks for this picture: what differs from the defaults.
+std::string query_of(const RenderRequest& request);
 
 /// The body of POST /v1/models as it was sent.
 struct ModelWish {

@@ -163,8 +163,8 @@ struct SpherePage {
 struct MeasuresRequest {};
 struct ChecksRequest {};
 struct RenderRequest {
-  View view = View::anterior;
-  int width = 800, height = 800;
+  RenderOptions options{};
+  std::string with{};  ///< a second model in the picture; empty: none
 };
 struct ExportRequest {
   SphereFormat format = SphereFormat::csv;

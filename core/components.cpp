@@ -75,9 +75,13 @@ std::vector<std::uint32_t> first_of_touching(const Solid& solid) {
 
 }  // namespace
 
+std::vector<std::uint32_t> first_of_component(const SphereModel& model, const Context& context) {
+  return model.solid ? first_of_touching(*model.solid) : first_of_overlapping(model.spheres, context);
+}
+
 std::vector<Component> components(const SphereModel& model, std::span<const BallPart> parts, const Context& context) {
   SPHERULE_CHECK(parts.size() == model.spheres.size());
-  const auto first = model.solid ? first_of_touching(*model.solid) : first_of_overlapping(model.spheres, context);
+  const auto first = first_of_component(model, context);
   std::vector<Component> result;
   std::vector<std::uint32_t> index(first.size());
   for (std::uint32_t s = 0; s < first.size(); ++s) {

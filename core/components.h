@@ -30,4 +30,7 @@ struct Component {
 std::vector<Component> components(const SphereModel& model, std::span<const BallPart> parts,
                                   const Context& context = {});
 
+/// Of every sphere, the smallest index of a sphere of its component: who asks only what belongs together.
+std::vector<std::uint32_t> first_of_component(const SphereModel& model, const Context& context = {});
+
 }  // namespace spherule

@@ -14,6 +14,7 @@
 #include "core/checks.h"
 #include "core/io/export.h"
 #include "core/io/read.h"
+#include "core/marching_cubes.h"
 #include "core/measures.h"
 #include "core/pipeline.h"
 #include "core/ranking.h"
@@ -448,6 +449,46 @@ struct Pipeline::State {
                                 check_model(model, samples.inside, source.rule.border, job.context(0.25, 0.95)));
   }
 
+  // The marching-cubes surface of the object that a model was made of.
+  Mesh surface_of(const Resource& resource, const SphereModel& model, const Context& context) const {
+    const std::optional<api::ModelRequest> source = api::model_from(resource.document).source;
+    if (!source || !model.solid) {
+      throw Error(ErrorCode::unusable,
+                  "This model was not made from a volume, so it has no surface; draw the spheres, or the model that "
+                  "it was made from.");
+    }
+    const Volume volume = stored_volume(find_volume(source->volume), context);
+    const InsideSamples samples = classify_samples(volume, source->rule, context);
+    return marching_cubes(volume, source->rule, samples, model.solid->boundary, context);
+  }
+
+  std::string pictures(const Resource& resource, const std::shared_ptr<const SphereModel>& model,
+                       const api::RenderRequest& wanted, JobContext& job) {
+    std::vector<Resource> resources{resource};
+    std::vector<std::shared_ptr<const SphereModel>> models{model};
+    if (!wanted.with.empty()) {
+      resources.push_back(find_model(wanted.with));
+      models.push_back(load(resources.back(), job.context(0.1, 0.15)));
+    }
+    std::vector<Mesh> surfaces(models.size());
+    std::vector<std::vector<double>> contributions(models.size());
+    std::vector<Subject> subjects;
+    for (std::size_t i = 0; i < models.size(); ++i) {
+      if (wanted.options.style == Style::surface) {
+        surfaces[i] = surface_of(resources[i], *models[i], job.context(0.15, 0.3));
+      }
+      if (wanted.options.colour_by == ColourBy::contribution) {
+        for (const BallPart& part : union_of(resources[i], *models[i], job.context(0.15, 0.3)).parts) {
+          contributions[i].push_back(part.volume_mm3);
+        }
+      }
+      subjects.push_back({.model = models[i].get(), .surface = &surfaces[i], .contributions_mm3 = contributions[i]});
+    }
+    const std::vector<Image> frames = render(subjects, wanted.options, job.context(0.3, 0.95));
+    constexpr int kFramesPerSecond = 15;
+    return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
+  }
+
   Resource run_derived(const JobRecord& record, JobContext& job) {
     const DerivedRequest request = api::derived_from(record.request);
     const Resource resource = find_model(request.model);
@@ -463,8 +504,7 @@ struct Pipeline::State {
     if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(resource, *model, job);
     if (std::holds_alternative<api::ChecksRequest>(request.what)) bytes = checks(resource, *model, job);
     if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
-      bytes = encode_png(
-          render_spheres(*model, {.width = render->width, .height = render->height, .view = render->view}, context));
+      bytes = pictures(resource, model, *render, job);
     }
     if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
       bytes = exported(resource, *model, *wanted, context);
@@ -476,6 +516,10 @@ struct Pipeline::State {
     answer.collection = kAnswers;
     answer.request = record.request;
     answer.inputs = {request.model};
+    if (const auto* render = std::get_if<api::RenderRequest>(&request.what);
+        render != nullptr && !render->with.empty()) {
+      answer.inputs.push_back(render->with);
+    }
     answer.bytes = bytes.size();
     answer.blobs = {blobs.put("answers/" + record.result_id, bytes)};
     return answer;
@@ -688,6 +732,9 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Secon
   const Resource model = s.find_model(request.model);
   if (std::holds_alternative<api::ChecksRequest>(request.what) && model.inputs.empty()) {
     throw Error(ErrorCode::unusable, "Imported spheres have no scan to be checked against; ask for their measures.");
+  }
+  if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
+    static_cast<void>(s.find_model(render->with));
   }
   const std::string id = content_id("ans", api::identity_of(request, version()));
   if (const auto known = s.catalog.find(id)) return content_of(s.blobs.open(known->blobs.at(0)));

@@ -319,7 +319,8 @@ struct Run {
   void render() {
     const BuiltModel built = obtain();
     counts(built);
-    const Image image = timed("render", [&] { return render_spheres(built.model, options.render, context); });
+    const Image image = timed(
+        "render", [&] { return spherule::render(std::array{Subject{&built.model}}, options.render, context).front(); });
     write_file(options.out, timed("png", [&] { return encode_png(image); }));
   }
 

@@ -191,7 +191,7 @@ Options parse(int argc, char** argv) {
       case frame: options.read.frame = number<int>(optarg, "--frame"); break;
       case grid: options.read.grid = optarg; break;
       case view:
-        options.render.view = one_of(
+        options.render.views.front() = one_of(
             std::array{std::pair{"a", View::anterior}, std::pair{"p", View::posterior}, std::pair{"r", View::right},
                        std::pair{"l", View::left}, std::pair{"h", View::head}, std::pair{"f", View::foot}},
             optarg, "--view");

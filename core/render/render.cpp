@@ -1,221 +1,461 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//
-// Camera and shading. Every random-looking choice is a low-discrepancy sequence shifted by the pixel's coordinates
-// (M. Roberts, The Unreasonable Effectiveness of Quasirandom Sequences, 2018), so a pixel's colour depends on nothing
-// but the scene and the pixel.
 #include "core/render/render.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numbers>
 
-#include "core/base/parallel.h"
+#include "core/base/check.h"
+#include "core/base/error.h"
+#include "core/marching_cubes.h"
+#include "core/measure.h"
+#include "core/render/annotate.h"
+#include "core/render/colouring.h"
 #include "core/render/patches.h"
-#include "core/render/trace.h"
+#include "core/union.h"
 
 namespace spherule {
 namespace {
 
-constexpr double kMargin = 0.04;  // of each side of the picture
-constexpr int kTile = 32;         // pixels
-constexpr int kMaxSamples = 64;   // camera rays a pixel
-constexpr double kWellLit = 0.7;  // part of the sky rays that get through
+constexpr std::array<Colour, 2> kMaterials{Colour{0.90, 0.71, 0.50}, Colour{0.36, 0.58, 0.82}};
+constexpr int kMaxSide = 8192;
 
-// Linear light, red green blue.
-using Colour = Vec3;
+}  // namespace
 
-constexpr Colour operator*(Colour a, Colour b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
-
-// The look: bone-like material, a warm key light over the viewer's left shoulder, a cooler sky brighter above and
-// behind the viewer than below.
-constexpr Colour kMaterial{0.90, 0.71, 0.50};
-constexpr Colour kKey{1.22, 1.16, 1.06};
-constexpr double kKeyRadius = 0.10;  // tangent of the half angle under which the key light is seen
-constexpr Colour kSkyAbove{0.27, 0.32, 0.40};
-constexpr Colour kSkyBelow{0.20, 0.14, 0.10};
-constexpr Colour kSkyBehindViewer{0.16, 0.16, 0.16};
-
-// A point of the unit square: element `index` of the R2 sequence, shifted by the pixel.
-struct Square {
-  double u, v;
-};
-Square quasi_random(int x, int y, int index, int stream) {
-  constexpr double kA = 0.75487766624669276, kB = 0.56984029099805327;  // 1/p and 1/p², p³ = p + 1
-  const auto fraction = [](double t) { return t - std::floor(t); };
-  const double shift = kA * x + kB * y;  // neighbours differ much, so errors look like fine grain
-  const double i = index + 1;
-  return {fraction(shift + i * kA + 0.31 * stream), fraction(fraction(shift * 3.7) + i * kB + 0.57 * stream)};
-}
-
-Vec3 on_unit_sphere(Square s) {
-  const double z = 1 - 2 * s.u, radius = std::sqrt(std::max(0.0, 1 - z * z)), angle = 2 * std::numbers::pi * s.v;
-  return {radius * std::cos(angle), radius * std::sin(angle), z};
-}
-
-// Proportional to the cosine with the normal: a point of the sphere that rests on the surface.
-Vec3 sky_direction(Vec3 normal, Square s) {
-  const Vec3 d = normal + on_unit_sphere(s);
-  const double length = norm(d);
-  return length > 1e-6 ? (1 / length) * d : normal;
-}
-
-struct Scene {
-  const SphereModel& model;
-  const Tracer& tracer;
-  Camera camera;
-  Vec3 key;           // towards the middle of the key light, of length 1
-  double depth = 0;   // mm from the plane where camera rays start to the camera's centre
-  double offset = 0;  // mm that secondary rays start off the surface
-
-  // What an open sky sends to a surface: the mean of its brightness, which changes evenly from below to above and
-  // towards the viewer, over the cosine lobe about the normal (whose mean direction is 2/3 of the normal).
-  Colour open_sky(Vec3 normal) const {
-    const double up = 0.5 + dot(normal, camera.up) / 3;
-    const double front = 0.5 - dot(normal, camera.forward) / 3;
-    return up * kSkyAbove + (1 - up) * kSkyBelow + front * kSkyBehindViewer;
-  }
-
-  // Where a camera ray meets the object, a hair above the surface.
-  struct Place {
-    Vec3 start, normal;
-  };
-
-  bool sees_sky(const Place& place, Square s) const {
-    return !tracer.blocked({place.start, sky_direction(place.normal, s)});
-  }
-
-  // The key light at a place: one shadow ray to a point of the lamp.
-  Colour key_light(const Place& place, Square s) const {
-    const Vec3 towards = normalised(key + kKeyRadius * on_unit_sphere(s));
-    const double cosine = dot(place.normal, towards);
-    return cosine > 0 && !tracer.blocked({place.start, towards}) ? cosine * kKey : Colour{};
-  }
-
-  // The mean colour of the pixel's rays that meet the object, and the part of them that does.
-  std::pair<Colour, double> pixel(int x, int y, const RenderOptions& options) const {
-    const int n = options.samples_per_axis;
-    std::array<Place, kMaxSamples> places;
-    int hits = 0;
-    for (int sample = 0; sample < n * n; ++sample) {
-      const int column = sample % n, row = sample / n;
-      const double px = x + (column + 0.5) / n - 0.5 * options.width;
-      const double py = y + (row + 0.5) / n - 0.5 * options.height;
-      const Ray ray{camera.centre + camera.mm_per_pixel * (px * camera.right - py * camera.up) - depth * camera.forward,
-                    camera.forward};
-      const auto hit = tracer.first_hit(ray);
-      if (!hit) continue;
-      const Vec3 point = ray.origin + hit->distance * ray.direction;
-      const Vec3 normal = normalised(point - model.spheres[hit->ball].centre);
-      places[static_cast<std::size_t>(hits++)] = {point + offset * normal, normal};
-    }
-    if (hits == 0) return {{}, 0};
-
-    Colour key_sum, sky_sum;
-    int rays = 0, open = 0;
-    const auto look_up = [&] {
-      for (int i = 0; i < hits; ++i)
-        open += sees_sky(places[static_cast<std::size_t>(i)], quasi_random(x, y, rays++, 0));
-    };
-    look_up();
-    // In half shade the few rays of one round would leave visible grain.
-    if (open > 0 && open < kWellLit * hits) look_up(), look_up();
-    for (int i = 0; i < hits; ++i) {
-      const Place& place = places[static_cast<std::size_t>(i)];
-      key_sum = key_sum + key_light(place, quasi_random(x, y, i, 1));
-      sky_sum = sky_sum + open_sky(place.normal);
-    }
-    const Colour light = key_sum + (static_cast<double>(open) / rays) * sky_sum;
-    return {(1.0 / hits) * (kMaterial * light), static_cast<double>(hits) / (n * n)};
-  }
-};
-
-// A gentle shoulder, so that bright places keep their shape instead of burning out.
-double tone(double linear) { return 1 - std::exp(-1.25 * linear); }
-
-std::uint8_t to_srgb(double linear) {
-  const double c = std::clamp(linear, 0.0, 1.0);
-  const double encoded = c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055;
-  return static_cast<std::uint8_t>(std::lround(255 * encoded));
-}
-
-void put_pixel(std::uint8_t* rgba, Colour colour, double coverage, Background background) {
-  Colour c{tone(colour.x), tone(colour.y), tone(colour.z)};
-  if (background != Background::transparent) {
-    const double behind = background == Background::white ? 1.0 : 0.012;
-    c = coverage * c + (1 - coverage) * Colour{behind, behind, behind};
-    coverage = 1;
-  }
-  for (int a = 0; a < 3; ++a) rgba[a] = coverage > 0 ? to_srgb(c[a]) : std::uint8_t{0};
-  rgba[3] = static_cast<std::uint8_t>(std::lround(255 * coverage));
-}
-
-void check(const RenderOptions& options) {
+void check_render_options(const RenderOptions& o) {
   std::vector<FieldError> fields;
-  if (options.width < 1 || options.width > 8192) fields.push_back({"width", "must be within 1 and 8192 pixels"});
-  if (options.height < 1 || options.height > 8192) fields.push_back({"height", "must be within 1 and 8192 pixels"});
-  if (options.samples_per_axis < 1 || options.samples_per_axis > 8)
-    fields.push_back({"samples_per_axis", "must be within 1 and 8"});
+  const auto need = [&](bool good, const char* field, const char* detail) {
+    if (!good) fields.push_back({field, detail});
+  };
+  need(o.width >= 1 && o.width <= kMaxSide, "width", "must be within 1 and 8192 pixels");
+  need(o.height >= 1 && o.height <= kMaxSide, "height", "must be within 1 and 8192 pixels");
+  need(o.samples_per_axis >= 1 && o.samples_per_axis <= 8, "samples", "must be within 1 and 8");
+  need(o.smoothness >= 0 && o.smoothness <= 4, "smoothness", "must be within 0 and 4");
+  need(o.point_radius_mm >= 0 && std::isfinite(o.point_radius_mm), "point_radius", "must be 0 or more mm");
+  need(o.min_radius_mm >= 0 && std::isfinite(o.min_radius_mm), "min_radius", "must be 0 or more mm");
+  need(!o.max_radius_mm || *o.max_radius_mm >= o.min_radius_mm, "max_radius", "must be no less than min_radius");
+  need(o.bucket_count >= 1 && o.bucket_count <= 1024, "bucket_count", "must be within 1 and 1024");
+  need(std::ranges::all_of(o.buckets, [&](int b) { return b >= 0 && b < o.bucket_count; }), "buckets",
+       "must be numbers of buckets, from 0 to bucket_count - 1");
+  need(!o.views.empty() && o.views.size() <= 6, "views", "must be one to six");
+  need(!o.clip_normal || (squared_norm(*o.clip_normal) > 0 && std::isfinite(squared_norm(*o.clip_normal))), "clip",
+       "must have a normal that is not zero");
+  need(!o.clip_offset_mm || std::isfinite(*o.clip_offset_mm), "clip", "must have a finite offset in mm");
+  need(o.turntable == 0 || (o.turntable >= 2 && o.turntable <= 360), "turntable", "must be within 2 and 360 frames");
+  need(o.opacity > 0 && o.opacity <= 1, "opacity", "must be above 0 and at most 1");
+  need(o.colour_map.empty() || colour_map(o.colour_map) != nullptr, "colour_map",
+       "must be one of ember, lagoon, grey and tide");
+  need(!o.colour_range || ((*o.colour_range)[0] < (*o.colour_range)[1] && std::isfinite((*o.colour_range)[0]) &&
+                           std::isfinite((*o.colour_range)[1])),
+       "colour_range", "must be two numbers, the first below the second");
+  need(!o.colour_range || o.colour_by != ColourBy::contribution || (*o.colour_range)[0] > 0, "colour_range",
+       "must be above 0 where it is logarithmic");
   if (!fields.empty())
     throw Error(ErrorCode::invalid_argument,
                 "The picture's " + fields.front().pointer + ' ' + fields.front().detail + '.', fields);
 }
 
-}  // namespace
+namespace {
 
-Camera fit_camera(const Box& box, const RenderOptions& options) {
-  Camera camera;
-  switch (options.view) {
-    case View::anterior: camera.forward = {0, 1, 0}, camera.up = {0, 0, 1}; break;
-    case View::posterior: camera.forward = {0, -1, 0}, camera.up = {0, 0, 1}; break;
-    case View::right: camera.forward = {1, 0, 0}, camera.up = {0, 0, 1}; break;
-    case View::left: camera.forward = {-1, 0, 0}, camera.up = {0, 0, 1}; break;
-    case View::head: camera.forward = {0, 0, -1}, camera.up = {0, -1, 0}; break;
-    case View::foot: camera.forward = {0, 0, 1}, camera.up = {0, -1, 0}; break;
+[[noreturn]] void unusable(const char* sentence) { throw Error(ErrorCode::unusable, sentence); }
+
+// Everything that is drawn of one subject, kept while rays ask for it.
+struct Drawn {
+  std::vector<Sphere> own;            // balls that the model itself does not have
+  std::span<const Sphere> balls;      // of spheres and blobs, or small ones for points
+  std::vector<std::uint32_t> source;  // of each ball, or facet: the model's sphere; empty: the same number
+  std::vector<Patch> patches;
+  std::vector<Vec3> vertices;
+  std::vector<Triangle> triangles;
+  bool of_balls = true;  // else of facets
+};
+
+// The model's balls that the filters leave; all of them as an empty list.
+std::vector<std::uint32_t> chosen(const SphereModel& model, const RenderOptions& o) {
+  if (o.min_radius_mm <= 0 && !o.max_radius_mm && o.buckets.empty()) return {};
+  std::vector<char> wanted(static_cast<std::size_t>(o.bucket_count), o.buckets.empty());
+  for (const int b : o.buckets) wanted[static_cast<std::size_t>(b)] = 1;
+  const RadiusHistogram histogram = radius_histogram(model.spheres, static_cast<std::size_t>(o.bucket_count));
+  const double width = (histogram.max_mm - histogram.min_mm) / o.bucket_count;
+  std::vector<std::uint32_t> kept;
+  for (std::uint32_t i = 0; i < model.spheres.size(); ++i) {
+    const double r = model.spheres[i].radius;
+    if (!(r > 0) || r < o.min_radius_mm || (o.max_radius_mm && r > *o.max_radius_mm)) continue;
+    const double bucket = width > 0 ? std::floor((r - histogram.min_mm) / width) : 0;
+    if (wanted[static_cast<std::size_t>(std::clamp(bucket, 0.0, o.bucket_count - 1.0))] != 0) kept.push_back(i);
   }
-  camera.right = cross(camera.forward, camera.up);
-  camera.centre = 0.5 * (box.min + box.max);
-  const Vec3 extent = box.max - box.min;
-  const double usable = 1 - 2 * kMargin;
-  camera.mm_per_pixel = std::max(std::abs(dot(extent, camera.right)) / (usable * options.width),
-                                 std::abs(dot(extent, camera.up)) / (usable * options.height));
-  return camera;
+  if (kept.empty()) unusable("No sphere passes the radius and bucket filters; widen them.");
+  return kept;
 }
 
-Image render_spheres(const SphereModel& model, const RenderOptions& options, const Context& context) {
-  check(options);
+double median_radius(std::span<const Sphere> balls) {
+  std::vector<double> radii;
+  for (const Sphere& s : balls)
+    if (s.radius > 0) radii.push_back(s.radius);
+  const auto middle = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
+  std::nth_element(radii.begin(), middle, radii.end());
+  return *middle;
+}
+
+// Facets between a kept cell and anything else, anticlockwise as seen from outside.
+void take_facets(const Solid& solid, const std::vector<std::uint32_t>& kept, const Context& context, Drawn& drawn) {
+  std::vector<Tetrahedron> cells;
+  if (kept.empty()) {
+    cells.assign(solid.cells.begin(), solid.cells.begin() + static_cast<std::ptrdiff_t>(solid.inside_count));
+  } else {
+    for (const std::uint32_t c : kept) cells.push_back(solid.cells[c]);
+  }
+  const auto across = neighbours(cells, solid.boundary.points.size(), context);
+  std::vector<std::uint32_t> name(solid.boundary.points.size(), no_primitive);
+  // The facet opposite vertex i of a positive cell.
+  constexpr std::array<std::array<std::size_t, 3>, 4> kFacets{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+  for (std::size_t c = 0; c < cells.size(); ++c)
+    for (std::size_t i = 0; i < 4; ++i) {
+      if (across[c][i] != no_cell) continue;
+      Triangle triangle;
+      for (std::size_t v = 0; v < 3; ++v) {
+        const std::uint32_t point = cells[c][kFacets[i][v]];
+        if (name[point] == no_primitive) {
+          name[point] = static_cast<std::uint32_t>(drawn.vertices.size());
+          drawn.vertices.push_back(solid.boundary.lattice.to_patient(solid.boundary.points[point]));
+        }
+        triangle[v] = name[point];
+      }
+      drawn.triangles.push_back(triangle);
+      drawn.source.push_back(kept.empty() ? static_cast<std::uint32_t>(c) : kept[c]);
+    }
+  // A left-handed grid mirrors the lattice.
+  if (determinant(solid.boundary.lattice.grid.direction) < 0)
+    for (Triangle& t : drawn.triangles) std::swap(t[1], t[2]);
+  drawn.of_balls = false;
+}
+
+void take_small_balls(const SphereModel& model, const RenderOptions& o, std::vector<Vec3> centres, Drawn& drawn) {
+  double radius = o.point_radius_mm;
+  if (radius <= 0) {
+    radius = 0.2 * median_radius(model.spheres);
+    if (model.solid) {
+      const Vec3 spacing = model.solid->boundary.lattice.grid.spacing;
+      radius = 0.3 * std::min({spacing.x, spacing.y, spacing.z});
+    }
+  }
+  for (const Vec3 c : centres) {
+    drawn.patches.push_back({{}, static_cast<std::uint32_t>(drawn.own.size())});
+    drawn.own.push_back({c, radius});
+    drawn.patches.back().box.include(drawn.own.back());
+  }
+  drawn.balls = drawn.own;
+}
+
+const Solid& solid_of(const SphereModel& model, const char* what) {
+  if (!model.solid) {
+    throw Error(ErrorCode::unusable,
+                std::string("This model has no ") + what + "; draw the spheres, or the model that it was made from.");
+  }
+  return *model.solid;
+}
+
+Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& context) {
+  const SphereModel& model = *subject.model;
+  Drawn drawn;
+  switch (o.style) {
+    case Style::spheres:
+    case Style::blobs: {
+      drawn.source = chosen(model, o);
+      drawn.balls = model.spheres;
+      SphereModel part;
+      if (!drawn.source.empty()) {
+        for (const std::uint32_t i : drawn.source) part.spheres.push_back(model.spheres[i]);
+      }
+      const SphereModel& shown = drawn.source.empty() ? model : part;
+      if (o.style == Style::spheres || o.smoothness == 0) drawn.patches = visible_patches(shown, context);
+      if (!drawn.source.empty()) {
+        drawn.own = std::move(part.spheres);
+        drawn.balls = drawn.own;
+      }
+      break;
+    }
+    case Style::tetrahedra: take_facets(solid_of(model, "tetrahedra"), chosen(model, o), context, drawn); break;
+    case Style::surface:
+      SPHERULE_CHECK(subject.surface != nullptr);  // who asks for it has made it
+      drawn.vertices = subject.surface->vertices;
+      drawn.triangles = subject.surface->triangles;
+      drawn.of_balls = false;
+      break;
+    case Style::points: {
+      const BoundaryPoints& boundary = solid_of(model, "boundary points").boundary;
+      std::vector<Vec3> points;
+      for (const LatticePoint& p : boundary.points) points.push_back(boundary.lattice.to_patient(p));
+      take_small_balls(model, o, std::move(points), drawn);
+      break;
+    }
+    case Style::centres: {
+      drawn.source = chosen(model, o);
+      std::vector<Vec3> centres;
+      if (drawn.source.empty()) {
+        for (std::uint32_t i = 0; i < model.spheres.size(); ++i)
+          if (model.spheres[i].radius > 0) drawn.source.push_back(i);
+      }
+      for (const std::uint32_t i : drawn.source) centres.push_back(model.spheres[i].centre);
+      take_small_balls(model, o, std::move(centres), drawn);
+      break;
+    }
+  }
+  if (drawn.of_balls ? drawn.balls.empty() : drawn.triangles.empty())
+    unusable("The model has nothing that this style draws; choose another style.");
+  return drawn;
+}
+
+std::unique_ptr<const Tracer> tracer_of(const Drawn& drawn, const RenderOptions& o,
+                                        const std::optional<HalfSpace>& clip, const Context& context) {
+  if (!drawn.of_balls) return trace_facets(drawn.vertices, drawn.triangles, o.style == Style::surface, context);
+  if (o.style == Style::blobs && o.smoothness > 0)
+    return trace_blobs(drawn.balls, o.smoothness * median_radius(drawn.balls), context);
+  return trace_balls(drawn.balls, drawn.patches, clip, context);
+}
+
+// The number that each ball (tetrahedra: facet; surface: vertex) is coloured by.
+std::vector<double> numbers_of(const Subject& subject, const Drawn& drawn, const RenderOptions& o,
+                               const Context& context) {
+  const SphereModel& model = *subject.model;
+  const bool of_spheres = o.style != Style::surface && o.style != Style::points;
+  std::vector<double> all;
+  switch (o.colour_by) {
+    case ColourBy::radius:
+    case ColourBy::contribution:
+    case ColourBy::cluster:
+      if (!of_spheres)
+        throw Error(
+            ErrorCode::invalid_argument,
+            "Points and the surface belong to no sphere; colour them by component, or the surface by curvature.",
+            {{"colour_by", "must be none, component or curvature for this style"}});
+      if (o.colour_by == ColourBy::contribution && !subject.contributions_mm3.empty()) {
+        all.assign(subject.contributions_mm3.begin(), subject.contributions_mm3.end());
+      } else if (o.colour_by == ColourBy::contribution) {
+        for (const BallPart& part : measure_union(model, context).parts) all.push_back(part.volume_mm3);
+      } else {
+        for (std::size_t i = 0; i < model.spheres.size(); ++i)
+          all.push_back(o.colour_by == ColourBy::radius ? model.spheres[i].radius : static_cast<double>(i));
+      }
+      break;
+    case ColourBy::component:
+      if (o.style == Style::surface) {
+        for (const std::uint32_t c : pieces(drawn.vertices.size(), drawn.triangles)) all.push_back(c);
+        return all;
+      }
+      if (o.style == Style::points) {
+        const auto of_cell = pieces(model, context);
+        all.assign(model.solid->boundary.points.size(), 0);
+        for (std::size_t c = 0; c < model.solid->inside_count; ++c)
+          for (const std::uint32_t p : model.solid->cells[c]) all[p] = of_cell[c];
+        return all;
+      }
+      for (const std::uint32_t c : pieces(model, context)) all.push_back(c);
+      break;
+    case ColourBy::none:
+    case ColourBy::curvature: return {};
+  }
+  if (drawn.source.empty()) return all;
+  std::vector<double> of_drawn;
+  for (const std::uint32_t i : drawn.source) of_drawn.push_back(all[i]);
+  return of_drawn;
+}
+
+// Numbers that are seen: of balls with a patch, of every facet.
+std::vector<double> seen_numbers(const Drawn& drawn, const std::vector<double>& numbers) {
+  if (drawn.patches.empty()) return numbers;
+  std::vector<double> seen;
+  for (const Patch& patch : drawn.patches) seen.push_back(numbers[patch.ball]);
+  return seen;
+}
+
+// Gives the bodies their colours, and says what they mean.
+std::optional<Legend> colour(std::span<const Subject> subjects, std::span<const Drawn> drawn, const RenderOptions& o,
+                             const Context& context, std::span<Body> bodies) {
+  if (o.colour_by == ColourBy::none) return std::nullopt;
+  if (o.colour_by == ColourBy::component || o.colour_by == ColourBy::cluster) {
+    for (std::size_t b = 0; b < bodies.size(); ++b)
+      for (const double n : numbers_of(subjects[b], drawn[b], o, context))
+        bodies[b].table.push_back(category_colour(static_cast<std::size_t>(n)));
+    return std::nullopt;
+  }
+  Legend legend;
+  const bool curvature = o.colour_by == ColourBy::curvature;
+  legend.map = colour_map(!o.colour_map.empty() ? o.colour_map : curvature ? "tide" : "ember");
+  legend.title = curvature ? "curvature" : o.colour_by == ColourBy::radius ? "radius" : "contribution";
+  legend.unit = curvature ? "1/mm" : o.colour_by == ColourBy::radius ? "mm" : "mm³";
+  legend.logarithmic = o.colour_by == ColourBy::contribution;
+  std::vector<std::vector<double>> numbers;
+  std::vector<double> seen;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    numbers.push_back(numbers_of(subjects[b], drawn[b], o, context));
+    const auto some = curvature ? bodies[b].tracer->typical_curvatures() : seen_numbers(drawn[b], numbers[b]);
+    seen.insert(seen.end(), some.begin(), some.end());
+  }
+  std::array<double, 2> range = o.colour_range.value_or(middle_range(seen));
+  if (!o.colour_range && curvature) {
+    const double most = std::max(std::abs(range[0]), std::abs(range[1]));
+    range = {-most, most};
+  }
+  if (legend.logarithmic) range[0] = std::max({range[0], 1e-6 * range[1], 1e-300});
+  legend.lo = range[0], legend.hi = std::max(range[1], range[0]);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (curvature) {
+      bodies[b].curvature_map = legend.map;
+      bodies[b].curvature_range = range;
+      continue;
+    }
+    for (const double n : numbers[b]) {
+      double t = (n - range[0]) / (range[1] - range[0]);
+      if (legend.logarithmic) t = n > 0 ? std::log(n / range[0]) / std::log(range[1] / range[0]) : 0;
+      bodies[b].table.push_back(legend.map->at(t));
+    }
+  }
+  return legend;
+}
+
+// The shared scale: cameras that fit their own view would not compare.
+void to_one_scale(std::span<Camera> cameras) {
+  double scale = 0, distance = 0;
+  for (const Camera& c : cameras) scale = std::max(scale, c.mm_per_pixel), distance = std::max(distance, c.distance);
+  for (Camera& c : cameras) c.mm_per_pixel = scale, c.distance = distance;
+}
+
+const char* name_of(View view) {
+  switch (view) {
+    case View::anterior: return "anterior";
+    case View::posterior: return "posterior";
+    case View::right: return "right";
+    case View::left: return "left";
+    case View::head: return "superior";
+    case View::foot: break;
+  }
+  return "inferior";
+}
+
+void refuse_cameras_inside(std::span<const Camera> cameras, const std::optional<HalfSpace>& clip,
+                           std::span<const Body> bodies) {
+  for (const Camera& camera : cameras) {
+    const Vec3 eye = camera.centre - camera.distance * camera.forward;
+    if (clip && dot(clip->normal, eye) > clip->offset) continue;
+    for (const Body& body : bodies)
+      if (body.tracer->inside(eye))
+        throw Error(ErrorCode::invalid_argument, "The camera stands inside the object; move its position out of it.",
+                    {{"position", "must be outside the object"}});
+  }
+}
+
+// Where panels lie in a picture; the legend has a strip at its right.
+struct Sheet {
+  int columns = 1, rows = 1;
+  int panel_width = 0, strip = 0;
+  bool a_model_a_column = false, a_model_a_row = false;
+};
+
+Sheet sheet_of(const RenderOptions& o, std::size_t views, std::size_t subjects, const std::optional<Legend>& legend) {
+  Sheet sheet;
+  const bool beside = o.layout == Layout::beside && subjects > 1;
+  sheet.a_model_a_column = beside && views == 1;
+  sheet.a_model_a_row = beside && views > 1;
+  sheet.columns = static_cast<int>(sheet.a_model_a_column ? subjects : views);
+  sheet.rows = static_cast<int>(sheet.a_model_a_row ? subjects : 1);
+  if (legend && o.legend) sheet.strip = Notes(o.width, o.height, o.background).legend_width(*legend);
+  sheet.panel_width = (sheet.columns * o.width - sheet.strip) / sheet.columns;
+  sheet.strip = sheet.columns * (o.width - sheet.panel_width);
+  if (sheet.panel_width < 16 && sheet.strip > 0)
+    throw Error(ErrorCode::invalid_argument, "The picture is too narrow for a legend; ask for a wider one or for none.",
+                {{"width", "must leave room for the legend"}});
+  return sheet;
+}
+
+}  // namespace
+
+std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects) {
+  const std::uint64_t views = options.camera.viewpoint ? 1 : options.views.size();
+  const std::uint64_t panels = views * (options.layout == Layout::beside ? subjects : 1);
+  return static_cast<std::uint64_t>(options.width) * static_cast<std::uint64_t>(options.height) * panels *
+         static_cast<std::uint64_t>(std::max(1, options.turntable));
+}
+
+std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& o, const Context& context) {
+  SPHERULE_CHECK(!subjects.empty() && subjects.size() <= kMaterials.size());
+  check_render_options(o);
   Box box;
-  for (const Sphere& s : model.spheres)
-    if (s.radius > 0) box.include(s);
-  if (box.empty())
-    throw Error(ErrorCode::unusable, "The model has no sphere with a radius above 0, so there is nothing to draw.");
+  for (const Subject& subject : subjects)
+    for (const Sphere& s : subject.model->spheres)
+      if (s.radius > 0) box.include(s);
+  if (box.empty()) unusable("The model has no sphere with a radius above 0, so there is nothing to draw.");
+  const std::vector<View> views = o.camera.viewpoint ? std::vector<View>{View::anterior} : o.views;
+  const int frames = std::max(1, o.turntable);
+  // A camera that makes no sense is refused before any work.
+  static_cast<void>(make_camera(o.camera, views.front(), 0, box, o.width, o.height));
 
-  const std::vector<Patch> patches = visible_patches(model, context);
-  const Tracer tracer(model.spheres, patches, context);
-  Scene scene{model, tracer, fit_camera(box, options), {}, 0, 0};
-  scene.key = normalised(-0.60 * scene.camera.right + 0.70 * scene.camera.up - 0.62 * scene.camera.forward);
-  const Vec3 extent = box.max - box.min;
-  scene.depth = norm(extent);
-  scene.offset = 1e-7 * norm(extent);
+  std::optional<HalfSpace> clip;
+  if (o.clip_normal) {
+    const Vec3 n = normalised(*o.clip_normal);
+    clip = HalfSpace{n, o.clip_offset_mm.value_or(dot(n, 0.5 * (box.min + box.max)))};
+  }
+  Context quiet = context;  // only the rays are reported
+  quiet.progress = nullptr;
+  std::vector<Drawn> drawn;
+  std::vector<Body> bodies;
+  for (const Subject& subject : subjects) drawn.push_back(drawn_of(subject, o, quiet));
+  for (std::size_t i = 0; i < subjects.size(); ++i) {
+    Body body;
+    body.tracer = tracer_of(drawn[i], o, clip, quiet);
+    body.material = kMaterials[i];
+    if (i == 0) body.opacity = o.opacity;
+    bodies.push_back(std::move(body));
+  }
+  const auto legend = colour(subjects, drawn, o, quiet, bodies);
+  const Sheet sheet = sheet_of(o, views.size(), subjects.size(), legend);
 
-  Image image{options.width, options.height, {}};
-  image.rgba.resize(4 * static_cast<std::size_t>(options.width) * static_cast<std::size_t>(options.height));
-  const int across = (options.width + kTile - 1) / kTile, down = (options.height + kTile - 1) / kTile;
-  parallel_for(context, "render", static_cast<std::size_t>(across) * static_cast<std::size_t>(down), 1,
-               [&](std::size_t tile, std::size_t) {
-                 const int left = static_cast<int>(tile) % across * kTile;
-                 const int top = static_cast<int>(tile) / across * kTile;
-                 for (int y = top; y < std::min(top + kTile, options.height); ++y) {
-                   context.throw_if_cancelled();
-                   for (int x = left; x < std::min(left + kTile, options.width); ++x) {
-                     const auto [colour, coverage] = scene.pixel(x, y, options);
-                     put_pixel(&image.rgba[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(options.width) +
-                                                static_cast<std::size_t>(x))],
-                               colour, coverage, options.background);
-                   }
-                 }
-               });
-  return image;
+  std::vector<Camera> cameras;
+  for (int frame = 0; frame < frames; ++frame)
+    for (const View view : views)
+      cameras.push_back(make_camera(o.camera, view, 360.0 * frame / frames, box, sheet.panel_width, o.height));
+  to_one_scale(cameras);
+  if (o.camera.projection == Projection::perspective) refuse_cameras_inside(cameras, clip, bodies);
+
+  std::vector<Scene> scenes(sheet.a_model_a_column || sheet.a_model_a_row ? subjects.size() : 1);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    Scene& scene = scenes[std::min(b, scenes.size() - 1)];
+    scene.clip = clip;
+    scene.shadows = o.shadows;
+    scene.ambient_occlusion = o.ambient_occlusion;
+    scene.specks.insert(scene.specks.end(), drawn[b].balls.begin(), drawn[b].balls.end());
+    scene.bodies.push_back(std::move(bodies[b]));
+  }
+
+  std::vector<Image> images;
+  const double steps = 1.0 * sheet.columns * sheet.rows * frames;
+  double done = 0;
+  Context part = context;
+  if (context.progress)
+    part.progress = [&](std::string_view stage, double fraction) { context.report(stage, (done + fraction) / steps); };
+  for (int frame = 0; frame < frames; ++frame) {
+    Image image = backdrop(sheet.columns * o.width, sheet.rows * o.height, o.background);
+    for (int row = 0; row < sheet.rows; ++row)
+      for (int column = 0; column < sheet.columns; ++column, ++done) {
+        const std::size_t view = sheet.a_model_a_column ? 0 : static_cast<std::size_t>(column);
+        const int scene = sheet.a_model_a_column ? column : row;
+        const Camera& camera = cameras[static_cast<std::size_t>(frame) * views.size() + view];
+        Image panel = shoot(scenes[static_cast<std::size_t>(scene)], camera,
+                            {sheet.panel_width, o.height, o.samples_per_axis, o.background}, "render", part);
+        Notes notes(sheet.panel_width, o.height, o.background);
+        if (views.size() > 1 && row == 0) notes.caption(name_of(views[view]));
+        if (o.scale_bar) notes.scale_bar(camera);
+        if (o.orientation_marker) notes.orientation(camera);
+        paint(notes.drawing(), panel);
+        place(panel, column * sheet.panel_width, row * o.height, image);
+      }
+    if (sheet.strip > 0) {
+      Notes notes(sheet.columns * o.width, o.height, o.background);
+      notes.legend(*legend);
+      paint(notes.drawing(), image);
+    }
+    images.push_back(std::move(image));
+  }
+  return images;
 }
 
 }  // namespace spherule

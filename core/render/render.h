@@ -1,67 +1,111 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// SphereModel -> picture. trace.cpp is the only user of Embree, png.cpp the only user of OpenImageIO.
+// Models -> pictures. The map of this folder:
+//   render   what is drawn, from where, in which colours: the one header that others need (with image.h)
+//   camera   sight lines;  trace  rays against balls, facets and blobs;  scene  light and pixels
+//   patches  the visible parts of overlapping balls;  discs  where a plane cuts them
+//   colour   light, sRGB and colour maps;  drawing  lines and words, in pixels or SVG
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "core/base/context.h"
 #include "core/base/geometry.h"
+#include "core/render/camera.h"
+#include "core/render/image.h"
+#include "core/render/scene.h"
 #include "core/spheres.h"
 
 namespace spherule {
 
-/// The side of the patient that the viewer stands on and looks from. Pictures are never mirrored, so left and right
-/// follow: from the front the patient's right is on the picture's left, as a radiologist reads a film.
-///   letter     viewer looks to   picture's up   picture's right
-///   a front    posterior         head           patient's left
-///   p back     anterior          head           patient's right
-///   r right    left              head           anterior
-///   l left     right             head           posterior
-///   h above    foot              anterior       patient's right
-///   f below    head              anterior       patient's left (as axial slices are read)
-enum class View : char { anterior = 'a', posterior = 'p', right = 'r', left = 'l', head = 'h', foot = 'f' };
+struct Mesh;
 
-/// What stands behind the object.
-enum class Background : std::uint8_t {
-  transparent,  ///< alpha 0; edges have partial alpha, colours are not premultiplied
-  white,
-  dark,  ///< a neutral near-black
+/// What of a model is drawn.
+enum class Style : std::uint8_t {
+  spheres,     ///< the union of the balls
+  blobs,       ///< the balls blended into each other (blobs.cpp)
+  tetrahedra,  ///< the boundary facets of the inside tetrahedra; raw models only
+  surface,     ///< the marching-cubes surface of the same object; needs Subject::surface
+  points,      ///< the boundary points, as small balls; raw models only
+  centres,     ///< the balls' centres, as small balls
 };
+
+/// What colours tell.
+enum class ColourBy : std::uint8_t {
+  none,
+  radius,  ///< of the ball; of facets and points nothing of the kind is known, but of tetrahedra that of their ball
+  contribution,  ///< volume of the ball's own part of the union (measure_union), on a logarithmic scale
+  component,     ///< which connected piece; the largest has the first colour
+  cluster,       ///< which ball: of a simplified model each stands for a cluster
+  curvature,     ///< mean curvature of the surface, 1/mm; of a ball the reciprocal of its radius
+};
+
+/// How two models share a picture.
+enum class Layout : std::uint8_t { beside, overlaid };
 
 struct RenderOptions {
-  int width = 800, height = 800;  ///< pixels; each 1 … 8192
-  View view = View::anterior;     ///< orthographic, the object fitted into the picture with a margin
-  int samples_per_axis = 3;       ///< antialiasing: n x n rays a pixel; 1 … 8. Also the quality of soft shadows
+  int width = 800, height = 800;  ///< pixels of each panel; each 1 … 8192
+  int samples_per_axis = 3;       ///< antialiasing: up to n × n rays a pixel; 1 … 8
   Background background = Background::transparent;
+
+  Style style = Style::spheres;
+  /// Of blobs: the distance over which balls blend into each other, in medians of the balls' radii; 0 … 4. 0: spheres.
+  double smoothness = 0.5;
+  double point_radius_mm = 0;             ///< of points and centres; 0: one that suits the model
+  double min_radius_mm = 0;               ///< balls below it are left out (of tetrahedra: cells of such balls)
+  std::optional<double> max_radius_mm{};  ///< balls above it are left out
+  /// Only balls in these buckets of the histogram of the model's radii, counted from 0; empty: all.
+  std::vector<int> buckets{};
+  int bucket_count = 40;  ///< of that histogram, equal intervals from the least to the largest radius; 1 … 1024
+
+  /// One panel each, side by side and to one scale; 1 … 6. Not looked at when the camera has a viewpoint.
+  std::vector<View> views{View::anterior};
+  CameraOptions camera{};
+  std::optional<Vec3> clip_normal{};       ///< cuts away what lies on the side that it points to; not zero
+  std::optional<double> clip_offset_mm{};  ///< keeps normal · x <= offset, for the normal made unit; absent: the middle
+  int turntable = 0;               ///< frames of one turn around the object's up axis, 2 … 360; 0: no animation
+  Layout layout = Layout::beside;  ///< of two models
+
+  bool shadows = true;            ///< of the key light
+  bool ambient_occlusion = true;  ///< shadows of the sky
+  double opacity = 1;             ///< above 0, up to 1: of the surface; of the first model where two are overlaid
+  ColourBy colour_by = ColourBy::none;
+  std::string colour_map{};                             ///< a name that colour_map() knows; empty: one that suits
+  std::optional<std::array<double, 2>> colour_range{};  ///< ends of the colour map; absent: those of 98 % of the balls
+
+  bool legend = true;  ///< where colours are numbers
+  bool orientation_marker = false;
+  bool scale_bar = false;
+
+  bool operator==(const RenderOptions&) const = default;
 };
 
-/// 8-bit sRGB with alpha, row-major from the top left, 4 bytes a pixel.
-struct Image {
-  int width = 0, height = 0;
-  std::vector<std::uint8_t> rgba;
+/// A model, and what of it only its volume knows.
+struct Subject {
+  const SphereModel* model = nullptr;
+  const Mesh* surface = nullptr;                ///< for Style::surface
+  std::span<const double> contributions_mm3{};  ///< of each sphere, for ColourBy::contribution; else it is measured
 };
 
-/// An orthographic camera in the patient's frame. The axes are unit vectors, right × up = -forward.
-struct Camera {
-  Vec3 right, up, forward;
-  Vec3 centre;              ///< LPS mm; shown in the middle of the picture
-  double mm_per_pixel = 1;  ///< the same along both axes
-};
+/// Ray-traced pictures of one model, or of two: one frame, or those of a turn. Panels of several views lie side by
+/// side; two models beside each other take a row each then, else a column. The camera fits the boxes of all balls,
+/// whatever is left out or drawn in their place, so that pictures of one model compare. The same bytes for every thread
+/// count. Only the exposed part of each ball is traced (patches.h), so raw models of millions of balls cost little more
+/// than a few. Throws invalid_argument for options outside their ranges, with field errors; unusable when there is
+/// nothing to draw, when a model lacks what the style or the colours need, or when a perspective camera stands inside.
+/// Reports stage "render"; cancelled within tens of ms.
+std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& options = {},
+                          const Context& context = {});
 
-/// The camera that render_spheres uses: `box` (mm, not empty) centred, with a margin of at least 4 % of each side.
-Camera fit_camera(const Box& box, const RenderOptions& options);
+/// Throws invalid_argument for options outside their ranges, as render does: before any work.
+void check_render_options(const RenderOptions& options);
 
-/// Ray-traces the union of the model's balls: one matt material, a soft key light from the upper left and a bright
-/// sky, both with true shadows. The camera fits the box of all balls. The same bytes for every thread count.
-/// Throws invalid_argument for options outside their ranges (one field error each), unusable when no ball has a radius
-/// above 0. Reports stage "render" by tiles; cancelled within tens of ms. Only the exposed part of each ball is traced
-/// (patches.h), so raw models of millions of balls cost little more than a few.
-Image render_spheres(const SphereModel& model, const RenderOptions& options = {}, const Context& context = {});
-
-/// PNG bytes, 8 bits a channel, sRGB, no metadata that changes from run to run.
-std::string encode_png(const Image& image);
+/// How many pixels such a picture has, over all panels and frames.
+std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects);
 
 }  // namespace spherule

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//
-// Embree walks boxes in single precision; what a ray meets is computed here in double. Balls are user geometry: raw
-// models have balls a thousand times as large as their visible patch, for which single precision gives ragged edges.
 #include "core/render/trace.h"
 
 #include <embree3/rtcore.h>
 
 #include <cmath>
-#include <limits>
 #include <new>
 #include <string>
-#include <vector>
+#include <type_traits>
 
 #include "core/base/check.h"
 
@@ -19,12 +15,6 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// A patch as rays need it: the ball itself, so that one look into memory answers.
-struct Primitive {
-  Sphere ball;
-  std::uint32_t index;
-};
-
 struct DeviceDeleter {
   void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
 };
@@ -32,146 +22,251 @@ struct SceneDeleter {
   void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
 };
 using Device = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceDeleter>;
-using EmbreeScene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
+using Scene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
 
 // Embree hands its context back to the callbacks; what follows it in memory is ours.
 struct Query {
   RTCIntersectContext context;
-  Ray ray;
-  double distance = std::numeric_limits<double>::infinity();
-  std::uint32_t ball = std::numeric_limits<std::uint32_t>::max();
+  Lanes* lanes;
+  std::array<double, Lanes::most> skipped;  // mm of each ray that Embree does not see
+  std::size_t lane = 0;                     // of a ray that travels alone
 };
+
+// The smallest float that is not below it, or a little more.
+float not_less(double distance) { return static_cast<float>(distance) * (1 + 0x1p-22F) + 0x1p-126F; }
 
 }  // namespace
 
-struct Tracer::Scene {
-  std::vector<Primitive> primitives;
-  std::span<const Patch> patches;  // only while the hierarchy is built
-  Vec3 centre;                     // Embree's coordinates are relative to it, where single precision is finest
-  // Boxes grow by more than single precision can lose on the way of a ray through the scene.
-  double slack = 0;
+struct Hierarchy::State {
+  const Primitives& primitives;
+  Vec3 centre;        // Embree's coordinates are relative to it, where single precision is finest
+  double radius = 0;  // of a ball that holds all boxes
+  double slack = 0;   // by which boxes grow: more than single precision can lose on the way of a ray through the scene
   Device device;
-  EmbreeScene scene;
-
-  RTCRay to_embree(const Ray& ray) const {
-    const Vec3 origin = ray.origin - centre;
-    RTCRay out{};
-    out.org_x = static_cast<float>(origin.x);
-    out.org_y = static_cast<float>(origin.y);
-    out.org_z = static_cast<float>(origin.z);
-    out.dir_x = static_cast<float>(ray.direction.x);
-    out.dir_y = static_cast<float>(ray.direction.y);
-    out.dir_z = static_cast<float>(ray.direction.z);
-    out.tfar = kInfinity;
-    out.mask = ~0U;
-    return out;
-  }
-
-  // Where the ray enters the ball; infinity when it does not, or starts inside.
-  static double entry(const Ray& ray, const Sphere& ball) {
-    const Vec3 to_centre = ball.centre - ray.origin;
-    const double along = dot(to_centre, ray.direction);
-    // The distance of the centre from the ray by subtraction: no loss when the ball is large and far.
-    const double squared_half_chord = ball.radius * ball.radius - squared_norm(to_centre - along * ray.direction);
-    if (!(squared_half_chord > 0)) return std::numeric_limits<double>::infinity();
-    const double distance = along - std::sqrt(squared_half_chord);
-    return distance >= 0 ? distance : std::numeric_limits<double>::infinity();
-  }
-
-  static const Primitive& primitive_of(const void* user, unsigned index) {
-    return static_cast<const Scene*>(user)->primitives[index];
-  }
+  Scene scene;
 
   static void bounds(const RTCBoundsFunctionArguments* arguments) {
-    const auto& scene = *static_cast<const Scene*>(arguments->geometryUserPtr);
-    const Box& box = scene.patches[arguments->primID].box;
-    const Vec3 grow{scene.slack, scene.slack, scene.slack};
-    const Vec3 min = box.min - scene.centre - grow, max = box.max - scene.centre + grow;
+    const auto& state = *static_cast<const State*>(arguments->geometryUserPtr);
+    const Box box = state.primitives.box(arguments->primID);
+    const Vec3 grow{state.slack, state.slack, state.slack};
+    const Vec3 min = box.min - state.centre - grow, max = box.max - state.centre + grow;
     *arguments->bounds_o = {static_cast<float>(min.x), static_cast<float>(min.y), static_cast<float>(min.z), 0,
                             static_cast<float>(max.x), static_cast<float>(max.y), static_cast<float>(max.z), 0};
   }
 
-  static void intersect(const RTCIntersectFunctionNArguments* arguments) {
-    if (arguments->valid[0] == 0) return;
-    auto& query = *reinterpret_cast<Query*>(arguments->context);
-    const auto& [ball, index] = primitive_of(arguments->geometryUserPtr, arguments->primID);
-    const double distance = entry(query.ray, ball);
-    if (distance > query.distance || (distance == query.distance && index >= query.ball)) return;
-    query.distance = distance;
-    query.ball = index;
-    auto* hit = reinterpret_cast<RTCRayHit*>(arguments->rayhit);
-    hit->ray.tfar = std::nextafter(static_cast<float>(distance), kInfinity);
-    hit->hit.geomID = arguments->geomID;
-    hit->hit.primID = arguments->primID;
+  // Lets the primitive meet the valid rays; calls met(k, lane) for the rays that it stops.
+  template <typename Arguments, typename Met>
+  static void meet(const Arguments& arguments, Met met) {
+    auto& query = *reinterpret_cast<Query*>(arguments.context);
+    const auto& state = *static_cast<const State*>(arguments.geometryUserPtr);
+    Lanes& lanes = *query.lanes;
+    if (arguments.N == 1) {
+      if (arguments.valid[0] == 0) return;
+      const double before = lanes.far[query.lane];
+      const std::uint32_t which = lanes.primitive[query.lane];
+      // One lane, whichever it is: the mask is read at its own index.
+      std::array<int, Lanes::most> valid;
+      valid[query.lane] = -1;
+      state.primitives.meet(arguments.primID, lanes, valid.data(), query.lane, query.lane + 1);
+      if (lanes.far[query.lane] != before || lanes.primitive[query.lane] != which) met(query, 0U, query.lane);
+      return;
+    }
+    const auto before = lanes.primitive;
+    const auto far = lanes.far;
+    state.primitives.meet(arguments.primID, lanes, arguments.valid, 0, arguments.N);
+    for (unsigned k = 0; k < arguments.N; ++k)
+      if (lanes.primitive[k] != before[k] || lanes.far[k] != far[k]) met(query, k, k);
   }
 
+  static void intersect(const RTCIntersectFunctionNArguments* arguments) {
+    meet(*arguments, [&](const Query& query, unsigned k, std::size_t lane) {
+      RTCRayN* ray = RTCRayHitN_RayN(arguments->rayhit, arguments->N);
+      RTCHitN* hit = RTCRayHitN_HitN(arguments->rayhit, arguments->N);
+      RTCRayN_tfar(ray, arguments->N, k) = not_less(query.lanes->far[lane] - query.skipped[lane]);
+      RTCHitN_geomID(hit, arguments->N, k) = arguments->geomID;
+      RTCHitN_primID(hit, arguments->N, k) = arguments->primID;
+    });
+  }
   static void occluded(const RTCOccludedFunctionNArguments* arguments) {
-    if (arguments->valid[0] == 0) return;
-    const auto& query = *reinterpret_cast<const Query*>(arguments->context);
-    const Primitive& primitive = primitive_of(arguments->geometryUserPtr, arguments->primID);
-    if (std::isfinite(entry(query.ray, primitive.ball))) reinterpret_cast<RTCRay*>(arguments->ray)->tfar = -kInfinity;
+    meet(*arguments,
+         [&](const Query&, unsigned k, std::size_t) { RTCRayN_tfar(arguments->ray, arguments->N, k) = -kInfinity; });
   }
 
   static bool keep_building(void* context, double) {
     return !static_cast<const Context*>(context)->cancel.stop_requested();
   }
+
+  // Calls put(lane, origin, direction, far) in Embree's numbers. Rays from afar start at the scene's edge, where single
+  // precision still tells places apart.
+  template <typename Put>
+  void prepare(Query& query, std::size_t count, Put put) const {
+    const Lanes& l = *query.lanes;
+    for (std::size_t i = 0; i < count; ++i) {
+      Vec3 origin = Vec3{l.ox[i], l.oy[i], l.oz[i]} - centre;
+      const Vec3 direction{l.dx[i], l.dy[i], l.dz[i]};
+      const double skip = std::max(0.0, -dot(origin, direction) - 1.01 * radius);
+      query.skipped[i] = skip;
+      origin = origin + skip * direction;
+      put(i, origin, direction, not_less(l.far[i] - skip));
+    }
+  }
 };
 
-Tracer::Tracer(std::span<const Sphere> spheres, std::span<const Patch> patches, const Context& context) {
-  auto made = std::make_unique<Scene>();
+Hierarchy::Hierarchy(const Primitives& primitives, const Context& context)
+    : state_(std::make_unique<State>(State{primitives, {}, 0, 0, nullptr, nullptr})) {
+  State& s = *state_;
+  const std::size_t count = primitives.size();
+  SPHERULE_CHECK(count < std::numeric_limits<std::uint32_t>::max());
   Box all;
-  made->primitives.reserve(patches.size());
-  for (const Patch& patch : patches) {
-    all.include(patch.box.min), all.include(patch.box.max);
-    made->primitives.push_back({spheres[patch.ball], patch.ball});
+  for (std::size_t i = 0; i < count; ++i) {
+    const Box box = primitives.box(i);
+    all.include(box.min), all.include(box.max);
   }
-  made->patches = patches;
-  made->centre = 0.5 * (all.min + all.max);
-  const Vec3 extent = all.max - all.min;
-  made->slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
-
-  made->device.reset(rtcNewDevice(("threads=" + std::to_string(std::max(1U, context.threads))).c_str()));
-  if (!made->device) throw std::bad_alloc();
-  made->scene.reset(rtcNewScene(made->device.get()));
-  RTCGeometry geometry = rtcNewGeometry(made->device.get(), RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(made->primitives.size()));
-  rtcSetGeometryUserData(geometry, made.get());
-  rtcSetGeometryBoundsFunction(geometry, &Scene::bounds, nullptr);
-  rtcSetGeometryIntersectFunction(geometry, &Scene::intersect);
-  rtcSetGeometryOccludedFunction(geometry, &Scene::occluded);
+  if (count > 0) {
+    s.centre = 0.5 * (all.min + all.max);
+    const Vec3 extent = all.max - all.min;
+    s.radius = 0.5 * norm(extent);
+    s.slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
+  }
+  s.device.reset(rtcNewDevice(("threads=" + std::to_string(std::max(1U, context.threads))).c_str()));
+  if (!s.device) throw std::bad_alloc();
+  s.scene.reset(rtcNewScene(s.device.get()));
+  RTCGeometry geometry = rtcNewGeometry(s.device.get(), RTC_GEOMETRY_TYPE_USER);
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(count));
+  rtcSetGeometryUserData(geometry, &s);
+  rtcSetGeometryBoundsFunction(geometry, &State::bounds, nullptr);
+  rtcSetGeometryIntersectFunction(geometry, &State::intersect);
+  rtcSetGeometryOccludedFunction(geometry, &State::occluded);
   rtcCommitGeometry(geometry);
-  rtcAttachGeometry(made->scene.get(), geometry);
+  rtcAttachGeometry(s.scene.get(), geometry);
   rtcReleaseGeometry(geometry);
-  rtcSetSceneProgressMonitorFunction(made->scene.get(), &Scene::keep_building, const_cast<Context*>(&context));
-  rtcCommitScene(made->scene.get());
-  rtcSetSceneProgressMonitorFunction(made->scene.get(), nullptr, nullptr);
-  made->patches = {};
+  rtcSetSceneProgressMonitorFunction(s.scene.get(), &State::keep_building, const_cast<Context*>(&context));
+  rtcCommitScene(s.scene.get());
+  rtcSetSceneProgressMonitorFunction(s.scene.get(), nullptr, nullptr);
   context.throw_if_cancelled();
-  const RTCError error = rtcGetDeviceError(made->device.get());
+  const RTCError error = rtcGetDeviceError(s.device.get());
   if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
   SPHERULE_CHECK(error == RTC_ERROR_NONE);
-  scene_ = std::move(made);
 }
 
-Tracer::~Tracer() = default;
+Hierarchy::~Hierarchy() = default;
+
+namespace {
+
+// Fills a packet; lanes that are not used stay switched off.
+template <typename Packet>
+auto put_into(Packet& ray, int* valid) {
+  return [&ray, valid](std::size_t i, Vec3 origin, Vec3 direction, float far) {
+    valid[i] = -1;
+    ray.org_x[i] = static_cast<float>(origin.x);
+    ray.org_y[i] = static_cast<float>(origin.y);
+    ray.org_z[i] = static_cast<float>(origin.z);
+    ray.dir_x[i] = static_cast<float>(direction.x);
+    ray.dir_y[i] = static_cast<float>(direction.y);
+    ray.dir_z[i] = static_cast<float>(direction.z);
+    ray.tnear[i] = ray.time[i] = 0;
+    ray.tfar[i] = far;
+    ray.mask[i] = ~0U;
+    ray.id[i] = ray.flags[i] = 0;
+  };
+}
+
+RTCRay alone(Vec3 origin, Vec3 direction, float far) {
+  RTCRay ray{};
+  ray.org_x = static_cast<float>(origin.x);
+  ray.org_y = static_cast<float>(origin.y);
+  ray.org_z = static_cast<float>(origin.z);
+  ray.dir_x = static_cast<float>(direction.x);
+  ray.dir_y = static_cast<float>(direction.y);
+  ray.dir_z = static_cast<float>(direction.z);
+  ray.tfar = far;
+  ray.mask = ~0U;
+  return ray;
+}
+
+}  // namespace
+
+void Hierarchy::nearest(Lanes& lanes, std::size_t count, bool alike) const {
+  Query query;
+  rtcInitIntersectContext(&query.context);
+  query.lanes = &lanes;
+  if (alike && count > 1) {
+    query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    alignas(64) std::array<int, Lanes::most> valid{};
+    RTCRayHit16 packet;
+    for (std::size_t i = 0; i < Lanes::most; ++i) packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    state_->prepare(query, count, put_into(packet.ray, valid.data()));
+    rtcIntersect16(valid.data(), state_->scene.get(), &query.context, &packet);
+    return;
+  }
+  state_->prepare(query, count, [&](std::size_t lane, Vec3 origin, Vec3 direction, float far) {
+    query.lane = lane;
+    RTCRayHit hit{};
+    hit.ray = alone(origin, direction, far);
+    hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    rtcIntersect1(state_->scene.get(), &query.context, &hit);
+  });
+}
+
+void Hierarchy::any(Lanes& lanes, std::size_t count, bool alike) const {
+  Query query;
+  rtcInitIntersectContext(&query.context);
+  query.lanes = &lanes;
+  if (alike && count > 1) {
+    query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    alignas(64) std::array<int, Lanes::most> valid{};
+    RTCRay16 packet;
+    state_->prepare(query, count, put_into(packet, valid.data()));
+    rtcOccluded16(valid.data(), state_->scene.get(), &query.context, &packet);
+    return;
+  }
+  state_->prepare(query, count, [&](std::size_t lane, Vec3 origin, Vec3 direction, float far) {
+    query.lane = lane;
+    RTCRay ray = alone(origin, direction, far);
+    rtcOccluded1(state_->scene.get(), &query.context, &ray);
+  });
+}
+
+void Hierarchy::first_hits(std::span<const Ray> rays, std::span<Hit> hits) const {
+  Lanes lanes;
+  for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
+    const std::size_t count = lanes.load(rays.subspan(begin));
+    nearest(lanes, count, true);
+    for (std::size_t i = 0; i < count; ++i) hits[begin + i] = {lanes.far[i], lanes.primitive[i]};
+  }
+}
+
+void Hierarchy::blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const {
+  Lanes lanes;
+  for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
+    const std::size_t count = lanes.load(rays.subspan(begin));
+    any(lanes, count, alike);
+    for (std::size_t i = 0; i < count; ++i) blocked[begin + i] = lanes.primitive[i] != no_primitive;
+  }
+}
+
+std::size_t Lanes::load(std::span<const Ray> rays) {
+  const std::size_t count = std::min(most, rays.size());
+  for (std::size_t i = 0; i < most; ++i) {
+    const Ray& ray = rays[std::min(i, count - 1)];
+    ox[i] = ray.origin.x, oy[i] = ray.origin.y, oz[i] = ray.origin.z;
+    dx[i] = ray.direction.x, dy[i] = ray.direction.y, dz[i] = ray.direction.z;
+    far[i] = ray.far;
+    primitive[i] = no_primitive;
+  }
+  return count;
+}
 
 std::optional<Hit> Tracer::first_hit(const Ray& ray) const {
-  Query query{{}, ray};
-  rtcInitIntersectContext(&query.context);
-  RTCRayHit hit{};
-  hit.ray = scene_->to_embree(ray);
-  hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(scene_->scene.get(), &query.context, &hit);
-  if (!std::isfinite(query.distance)) return std::nullopt;
-  return Hit{query.distance, query.ball};
+  Hit hit;
+  first_hits(std::span(&ray, 1), std::span(&hit, 1));
+  return hit ? std::optional(hit) : std::nullopt;
 }
 
 bool Tracer::blocked(const Ray& ray) const {
-  Query query{{}, ray};
-  rtcInitIntersectContext(&query.context);
-  RTCRay out = scene_->to_embree(ray);
-  rtcOccluded1(scene_->scene.get(), &query.context, &out);
-  return out.tfar < 0;
+  std::uint8_t is = 0;
+  blocked(std::span(&ray, 1), std::span(&is, 1), false);
+  return is != 0;
 }
 
 }  // namespace spherule

@@ -56,11 +56,13 @@ TEST(Records, OfRequestsReadBack) {
     EXPECT_EQ(again.volume, request.volume);
     EXPECT_EQ(again.rule, request.rule);
   }
-  for (const DerivedRequest& derived : std::vector<DerivedRequest>{{kModel, MeasuresRequest{}},
-                                                                   {kModel, ChecksRequest{}},
-                                                                   {kModel, RenderRequest{View::left, 3, 4}},
-                                                                   {kModel, ExportRequest{SphereFormat::vtp}},
-                                                                   {kModel, ContributionsRequest{}}}) {
+  for (const DerivedRequest& derived : std::vector<DerivedRequest>{
+           {kModel, MeasuresRequest{}},
+           {kModel, ChecksRequest{}},
+           {kModel, RenderRequest{{.width = 3, .height = 4, .style = Style::blobs, .views = {View::left}}}},
+           {kModel, RenderRequest{.with = kImported}},
+           {kModel, ExportRequest{SphereFormat::vtp}},
+           {kModel, ContributionsRequest{}}}) {
     EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
     EXPECT_EQ(derived_from(record_of(derived)).what.index(), derived.what.index());
   }

@@ -456,13 +456,25 @@ TEST_F(Routes, RenderAsAsked) {
   const std::string path = "/v1/models/" + kModel + "/render";
   EXPECT_EQ(ask("GET", path + "?view=h&width=300&height=200").header("Content-Type"), "image/png");
   const auto render = std::get<api::RenderRequest>(service.derived->what);
-  EXPECT_EQ(render.view, View::head);
-  EXPECT_EQ(render.width, 300);
-  EXPECT_EQ(render.height, 200);
+  EXPECT_EQ(render.options.views, std::vector<View>{View::head});
+  EXPECT_EQ(render.options.width, 300);
+  EXPECT_EQ(render.options.height, 200);
+  EXPECT_EQ(render.with, "");
   EXPECT_EQ(pointers(ask("GET", path + "?view=x")), "view ");
   EXPECT_EQ(pointers(ask("GET", path + "?width=0")), "width ");
   EXPECT_EQ(pointers(ask("GET", path + "?height=8193")), "height ");
+  EXPECT_EQ(pointers(ask("GET", path + "?colour_map=rainbow&colour_by=radius")), "colour_map ");
+  EXPECT_EQ(pointers(ask("GET", path + "?position=0,0,0&look_at=0,0")), "look_at ");
+  EXPECT_EQ(pointers(ask("GET", path + "?layout=overlaid")), "layout ");
+  EXPECT_EQ(pointers(ask("GET", path + "?colour=red")), "colour ");
   EXPECT_EQ(ask("GET", path + "?width=1001&height=1000").status, 413);
+  EXPECT_EQ(ask("GET", path + "?width=1000&height=1000&views=a,l").status, 413);
+  EXPECT_EQ(ask("GET", path + "?width=1000&height=600&with=" + kImported).status, 413);
+  EXPECT_EQ(ask("GET", path + "?width=1000&height=600&layout=overlaid&opacity=0.5&with=" + kImported).status, 200);
+  EXPECT_EQ(std::get<api::RenderRequest>(service.derived->what).with, kImported);
+  EXPECT_EQ(ask("GET", path + "?turntable=20&width=100&height=100").header("Content-Type"), "image/gif");
+  EXPECT_EQ(ask("GET", path + "?turntable=20&width=1000&height=100").status, 413);
+  EXPECT_EQ(ask("GET", path + "?turntable=20", {.headers = {{"Accept", "image/png"}}}).status, 406);
   EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "text/html"}}}).status, 406);
 }
 

@@ -47,13 +47,13 @@ std::vector<Ray> rays_from_outside(std::span<const Sphere> spheres, std::size_t 
 
 void expect_same_hits(const SphereModel& model, std::size_t rays) {
   const auto patches = visible_patches(model);
-  const Tracer tracer(model.spheres, patches, {});
+  const auto tracer = trace_balls(model.spheres, patches, {}, {});
   std::size_t hits = 0;
   for (const Ray& ray : rays_from_outside(model.spheres, rays)) {
     const double expected = slow_first_hit(model.spheres, ray);
-    const auto hit = tracer.first_hit(ray);
+    const auto hit = tracer->first_hit(ray);
     ASSERT_EQ(hit.has_value(), expected < kNever);
-    ASSERT_EQ(tracer.blocked(ray), hit.has_value());
+    ASSERT_EQ(tracer->blocked(ray), hit.has_value());
     if (!hit) continue;
     ++hits;
     // Balls through the same corner may be a rounding apart there.
@@ -122,9 +122,9 @@ TEST(Tracer, HugeBallWithASmallPatchIsHitToTheNanometre) {
   const Sphere ball{{0, radius, 0}, radius};
   Patch patch;
   patch.box.include(Vec3{-1, -0.001, -1}), patch.box.include(Vec3{1, 0.001, 1});
-  const Tracer tracer(std::span(&ball, 1), std::span(&patch, 1), {});
+  const auto tracer = trace_balls(std::span(&ball, 1), std::span(&patch, 1), {}, {});
   for (const double x : {-0.9, -0.3, 0.0, 0.5}) {
-    const auto hit = tracer.first_hit({{x, -10, 0.2}, {0, 1, 0}});
+    const auto hit = tracer->first_hit({{x, -10, 0.2}, {0, 1, 0}});
     ASSERT_TRUE(hit);
     const double rim = x * x + 0.04;
     EXPECT_NEAR(hit->distance, 10 + rim / (radius + std::sqrt(radius * radius - rim)), 1e-6);
@@ -138,10 +138,10 @@ TEST(Tracer, EqualDistancesGoToTheFirstBall) {
     patches.push_back({{}, i});
     patches.back().box.include(spheres[i]);
   }
-  const Tracer tracer(spheres, patches, {});
-  const auto hit = tracer.first_hit({{0.1, -5, 0.2}, {0, 1, 0}});
+  const auto tracer = trace_balls(spheres, patches, {}, {});
+  const auto hit = tracer->first_hit({{0.1, -5, 0.2}, {0, 1, 0}});
   ASSERT_TRUE(hit);
-  EXPECT_EQ(hit->ball, 0U);
+  EXPECT_EQ(hit->primitive, 0U);
 }
 
 TEST(Tracer, StopsWhenCancelled) {
@@ -150,7 +150,7 @@ TEST(Tracer, StopsWhenCancelled) {
   Context context;
   context.cancel = source.get_token();
   const SphereModel model = random_balls(100, 1);
-  EXPECT_THROW(Tracer(model.spheres, visible_patches(model), context), Error);
+  EXPECT_THROW(trace_balls(model.spheres, visible_patches(model), {}, context), Error);
 }
 
 }  // namespace

@@ -10,9 +10,14 @@
 
 namespace spherule {
 
-/// A raw model of a lumpy solid with a void, on an oblique grid of uneven spacing: 8-bit samples, so that many are
-/// equal and many cells share their sphere.
-inline SphereModel raw_model() {
+struct Scan {
+  Volume volume;
+  ObjectRule rule;
+};
+
+/// A lumpy solid with a void, on an oblique grid of uneven spacing: 8-bit samples, so that many are equal and many
+/// cells share their sphere.
+inline Scan lumpy_scan() {
   Volume volume;
   volume.grid.dims = {24, 20, 18};
   volume.grid.spacing = {1, 1.25, 1.5};
@@ -32,7 +37,12 @@ inline SphereModel raw_model() {
       }
   ObjectRule rule;
   rule.lo = 100.5;
-  return build_model(volume, rule).model;
+  return {volume, rule};
+}
+
+inline SphereModel raw_model() {
+  const Scan scan = lumpy_scan();
+  return build_model(scan.volume, scan.rule).model;
 }
 
 /// Balls without a solid: `n` with centres in a cube of 20 mm, many of them overlapping, nested or repeated.

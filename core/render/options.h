@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Picture options as words: the names and values that the REST interface and the command line share.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "core/render/render.h"
+
+namespace spherule {
+
+/// Names and values, in the order of render_option_names.
+using OptionTexts = std::vector<std::pair<std::string, std::string>>;
+
+/// Every option's name. Values: words for choices (the names of the enumerators), true and false, numbers in decimal
+/// notation, lists with commas. `view` and `views` are letters; `buckets` may have ranges: 0,3-5; `clip` is a normal or
+/// a normal and an offset; position, look_at and up are three numbers.
+std::span<const std::string_view> render_option_names();
+
+/// Throws invalid_argument, with the name as pointer, for a name that is unknown or given twice, a value that is not of
+/// its kind, and an option that would change nothing beside the others (a smoothness of spheres). What render() itself
+/// checks is left to it.
+RenderOptions parse_render_options(const OptionTexts& given);
+
+/// Every option that matters, defaults filled in: equal pictures have equal texts, and parsing them gives the options
+/// back.
+OptionTexts render_option_texts(const RenderOptions& options);
+
+}  // namespace spherule

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/render/ticks.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+
+namespace spherule {
+
+double round_step(double least) {
+  const double power = std::pow(10.0, std::floor(std::log10(least)));
+  for (const double factor : {1.0, 2.0, 5.0, 10.0})
+    if (factor * power >= least * (1 - 1e-9)) return factor * power;
+  return 10 * power;
+}
+
+std::vector<double> ticks(double lo, double hi, int most) {
+  if (!(hi > lo) || !std::isfinite(hi - lo)) return {lo};
+  const double step = round_step((hi - lo) / std::max(1, most));
+  std::vector<double> all;
+  for (double i = std::ceil(lo / step - 1e-9); i <= hi / step + 1e-9; ++i) all.push_back(i * step + 0.0);
+  return all;
+}
+
+std::vector<double> log_ticks(double lo, double hi) {
+  std::vector<double> tens, all;
+  for (double e = std::floor(std::log10(lo)); e <= std::log10(hi); ++e)
+    for (const double factor : {1.0, 2.0, 5.0}) {
+      const double value = factor * std::pow(10.0, e);
+      if (value < lo * (1 - 1e-9) || value > hi * (1 + 1e-9)) continue;
+      all.push_back(value);
+      if (factor == 1) tens.push_back(value);
+    }
+  return tens.size() >= 3 ? tens : all;
+}
+
+std::string label(double value) {
+  std::array<char, 32> text;
+  // Six digits: multiples of a step carry rounding behind them.
+  const auto end =
+      std::to_chars(text.data(), text.data() + text.size(), value + 0.0, std::chars_format::general, 6).ptr;
+  std::string out(text.data(), end);
+  if (const auto e = out.find('e'); e != out.npos) {
+    if (out[e + 2] == '0') out.erase(e + 2, 1);
+    if (out[e + 1] == '+') out.erase(e + 1, 1);
+  }
+  if (out.front() == '-') out.replace(0, 1, "\u2212");
+  return out;
+}
+
+std::string with_commas(double value) {
+  std::array<char, 32> text;
+  std::string out(text.data(), std::to_chars(text.data(), text.data() + text.size(), std::llround(value)).ptr);
+  for (std::size_t i = out.size(); i > 3 + (value < 0 ? 1U : 0U); i -= 3) out.insert(i - 3, 1, ',');
+  return out;
+}
+
+}  // namespace spherule
