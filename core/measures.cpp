@@ -52,7 +52,7 @@ ModelMeasures measure_model(const SphereModel& model, const UnionMeasures& whole
   measures.smallest_enclosing = smallest_enclosing_sphere(model.spheres);
   measures.largest_inscribed = largest_sphere(model.spheres);
   measures.thickness =
-      local_thickness(model.spheres, whole.moments.volume, 40, std::uint64_t{1} << 22, part_of(context, 0.5, 1));
+      local_thickness(model, whole.moments.volume, 40, std::uint64_t{1} << 22, part_of(context, 0.5, 1));
   return measures;
 }
 

@@ -12,6 +12,7 @@
 
 #include "core/base/context.h"
 #include "core/base/geometry.h"
+#include "core/spheres.h"
 
 namespace spherule {
 
@@ -35,6 +36,11 @@ struct LocalThickness {
 /// O(n log n + rows of lattice points in balls that larger balls have left open). Memory: 60 bytes a ball.
 /// Throws invalid_argument unless buckets is within 1 … 65536. Reports stage "thickness".
 LocalThickness local_thickness(std::span<const Sphere> balls, double volume_mm3, std::size_t buckets = 40,
+                               std::uint64_t samples = std::uint64_t{1} << 22, const Context& context = {});
+
+/// The same of a model; a raw one takes far less time, where thousands of balls may nearly coincide, for which part
+/// of the union belongs to which ball is known beforehand. Memory: 110 bytes a ball.
+LocalThickness local_thickness(const SphereModel& model, double volume_mm3, std::size_t buckets = 40,
                                std::uint64_t samples = std::uint64_t{1} << 22, const Context& context = {});
 
 }  // namespace spherule

@@ -471,7 +471,7 @@ struct Pipeline::State {
       models.push_back(load(resources.back(), job.context(0.1, 0.15)));
     }
     std::vector<Mesh> surfaces(models.size());
-    std::vector<std::vector<double>> contributions(models.size());
+    std::vector<std::vector<double>> volumes(models.size());
     std::vector<Subject> subjects;
     for (std::size_t i = 0; i < models.size(); ++i) {
       if (wanted.options.style == Style::surface) {
@@ -479,10 +479,10 @@ struct Pipeline::State {
       }
       if (wanted.options.colour_by == ColourBy::contribution) {
         for (const BallPart& part : union_of(resources[i], *models[i], job.context(0.15, 0.3)).parts) {
-          contributions[i].push_back(part.volume_mm3);
+          volumes[i].push_back(part.volume_mm3);
         }
       }
-      subjects.push_back({.model = models[i].get(), .surface = &surfaces[i], .contributions_mm3 = contributions[i]});
+      subjects.push_back({.model = models[i].get(), .surface = &surfaces[i], .contributions_mm3 = volumes[i]});
     }
     const std::vector<Image> frames = render(subjects, wanted.options, job.context(0.3, 0.95));
     constexpr int kFramesPerSecond = 15;

@@ -114,11 +114,33 @@ TEST(Thickness, OfPhantomsIsTheirs) {
        {Case{"slab", phantoms::slab(0.02, 0.5), flat, 1}, Case{"cylinder", phantoms::cylinder({0, 0, 0}, 1), tall, 2},
         Case{"ball", phantoms::ball({0, 0, 0}, 1), phantoms::cubic_grid(28, 2.4), 2}}) {
     const auto model = build_model(phantoms::sample(c.field, c.grid), phantoms::threshold(0)).model;
-    const auto t = local_thickness(model.spheres, measure_union(model).moments.volume, 40, 1 << 20);
+    const auto t = local_thickness(model, measure_union(model).moments.volume, 40, 1 << 20);
     // Rims at the border are thinner.
     EXPECT_NEAR(t.percentiles_mm[2], c.thickness, 0.03 * c.thickness) << c.name;
     EXPECT_NEAR(t.mean_mm, c.thickness, 0.05 * c.thickness) << c.name;
     EXPECT_NEAR(static_cast<double>(t.samples), 1 << 20, 1000) << c.name;
+  }
+}
+
+// Knowing which part of the union is whose changes the time and nothing else.
+TEST(Thickness, OfARawModelIsThatOfItsBalls) {
+  std::vector<SphereModel> models;
+  for (const Border border : {Border::closed, Border::open}) {
+    const Grid grid{.dims = {14, 12, 9}, .spacing = {1, 1, 2}, .origin = {9, 9, 9}, .direction = {}};
+    models.push_back(build_model(phantoms::noise(grid, 9, 8), phantoms::threshold(4, border)).model);
+  }
+  models.push_back(build_model(phantoms::sample(phantoms::torus({0, 0, 0.01}, 0.9, 0.4), phantoms::cubic_grid(20, 3)),
+                               phantoms::threshold(0))
+                       .model);
+  for (const SphereModel& model : models) {
+    const double volume = measure_union(model).moments.volume;
+    const auto raw = local_thickness(model, volume), plain = local_thickness(model.spheres, volume);
+    EXPECT_EQ(raw.samples, plain.samples);
+    EXPECT_EQ(raw.mean_mm, plain.mean_mm);
+    EXPECT_EQ(raw.sd_mm, plain.sd_mm);
+    EXPECT_EQ(raw.percentiles_mm, plain.percentiles_mm);
+    EXPECT_EQ(raw.volumes_mm3, plain.volumes_mm3);
+    EXPECT_NEAR(raw.sampled_volume_mm3, volume, 1e-3 * volume);
   }
 }
 
@@ -128,10 +150,9 @@ TEST(Thickness, IsTheSameForAnyThreadCount) {
                   phantoms::threshold(3))
           .model;
   const double volume = measure_union(model).moments.volume;
-  const auto one = local_thickness(model.spheres, volume);
+  const auto one = local_thickness(model, volume);
   for (const unsigned threads : {2U, 7U}) {
-    const auto many =
-        local_thickness(model.spheres, volume, 40, 1 << 22, {.threads = threads, .cancel = {}, .progress = {}});
+    const auto many = local_thickness(model, volume, 40, 1 << 22, {.threads = threads, .cancel = {}, .progress = {}});
     EXPECT_EQ(many.mean_mm, one.mean_mm);
     EXPECT_EQ(many.sd_mm, one.sd_mm);
     EXPECT_EQ(many.samples, one.samples);

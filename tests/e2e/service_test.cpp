@@ -199,8 +199,7 @@ TEST_F(Service, MakesTheModelOfABall) {
   }
   EXPECT_LT(measures["tetrahedra"]["volume_mm3"], measures["spheres"]["volume_mm3"]);
   EXPECT_GT(measures["observations"]["excess_volume"]["slack_mm3"], 0);
-  // Balls reach less than a voxel beyond the surface.
-  EXPECT_NEAR(measures["smallest_enclosing_sphere"]["radius_mm"], radius + 0.5, 0.5);
+  EXPECT_NEAR(measures["smallest_enclosing_sphere"]["radius_mm"], radius, 0.6) << "spheres bulge out a little";
   EXPECT_NEAR(measures["local_thickness"]["mean_mm"], 2 * radius, 0.5);
   EXPECT_EQ(measures["components"]["items"].size(), 1U);
   EXPECT_NEAR(measures["spheres"]["centroid_mm"][0], 19.5, 1e-3);
