@@ -474,7 +474,8 @@ TEST_F(Routes, RenderAsAsked) {
   EXPECT_EQ(std::get<api::RenderRequest>(service.derived->what).with, kImported);
   EXPECT_EQ(ask("GET", path + "?turntable=20&width=100&height=100").header("Content-Type"), "image/gif");
   EXPECT_EQ(ask("GET", path + "?turntable=20&width=1000&height=100").status, 413);
-  EXPECT_EQ(ask("GET", path + "?turntable=20", {.headers = {{"Accept", "image/png"}}}).status, 406);
+  EXPECT_EQ(ask("GET", path + "?turntable=20&width=100&height=100", {.headers = {{"Accept", "image/png"}}}).status,
+            406);
   EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "text/html"}}}).status, 406);
 }
 
