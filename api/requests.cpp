@@ -84,9 +84,9 @@ Query::Query(const Request& request, std::span<const std::string_view> known) : 
   for (auto it = request.query.begin(); it != request.query.end(); ++it) {
     const std::string& name = it->first;
     if (std::ranges::find(known, name) == known.end()) {
-      errors.push_back({name.substr(0, 100),
-                        known.size() == 0 ? "This resource takes no parameters."
-                                          : "There is no such parameter here; known are " + joined(known) + "."});
+      errors.push_back(
+          {name.substr(0, 100), known.empty() ? "This resource takes no parameters."
+                                              : "There is no such parameter here; known are " + joined(known) + "."});
     } else if (std::any_of(request.query.begin(), it, [&](const auto& other) { return other.first == name; })) {
       errors.push_back({name, "Give this parameter once."});
     } else if (!is_utf8(it->second)) {

@@ -129,7 +129,8 @@ void take_facets(const Solid& solid, const std::vector<std::uint32_t>& kept, con
   drawn.of_balls = false;
 }
 
-void take_small_balls(const SphereModel& model, const RenderOptions& o, std::vector<Vec3> centres, Drawn& drawn) {
+void take_small_balls(const SphereModel& model, const RenderOptions& o, const std::vector<Vec3>& centres,
+                      Drawn& drawn) {
   double radius = o.point_radius_mm;
   if (radius <= 0) {
     radius = 0.2 * median_radius(model.spheres);
