@@ -186,7 +186,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
       const BoundaryPoints& boundary = solid_of(model, "boundary points").boundary;
       std::vector<Vec3> points;
       for (const LatticePoint& p : boundary.points) points.push_back(boundary.lattice.to_patient(p));
-      take_small_balls(model, o, std::move(points), drawn);
+      take_small_balls(model, o, points, drawn);
       break;
     }
     case Style::centres: {
@@ -197,7 +197,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
           if (model.spheres[i].radius > 0) drawn.source.push_back(i);
       }
       for (const std::uint32_t i : drawn.source) centres.push_back(model.spheres[i].centre);
-      take_small_balls(model, o, std::move(centres), drawn);
+      take_small_balls(model, o, centres, drawn);
       break;
     }
   }
