@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/answer_job.h"
+
+#include <optional>
+#include <utility>
+#include <variant>
+
+#include "api/documents.h"
+#include "core/checks.h"
+#include "core/io/export.h"
+#include "core/marching_cubes.h"
+#include "core/measures.h"
+#include "core/render/render.h"
+#include "server/listing.h"
+
+namespace spherule::server {
+
+namespace {
+
+std::string measures(Store& store, const Resource& resource, const SphereModel& model, JobContext& job) {
+  std::optional<Volume> volume;
+  const std::optional<api::ModelRequest> source = api::model_from(resource.document).source;
+  if (source) volume.emplace(store.stored_volume(store.find_volume(source->volume), job.context(0.1, 0.15)));
+  const UnionMeasures whole = store.union_of(resource, model, job.context(0.15, 0.5));
+  std::optional<MeasuredObject> object;
+  if (source) object.emplace(MeasuredObject{*volume, source->rule});
+  return api::measures_document(resource.id, measure_model(model, whole, object, job.context(0.5, 0.95)));
+}
+
+std::string exported(Store& store, const Resource& resource, const SphereModel& model, const api::ExportRequest& wanted,
+                     const Context& context) {
+  std::optional<Contributions> known;
+  if (wanted.listing.needs_contributions()) known.emplace(store.union_of(resource, model, context));
+  api::SpherePage listed;
+  std::span<const Sphere> spheres = model.spheres;
+  if (wanted.listing.order != api::SphereOrder::index || !wanted.listing.columns.empty()) {
+    listed = rows(model, known ? &*known : nullptr, wanted.listing, 0, model.spheres.size());
+    spheres = listed.spheres;
+  }
+  switch (wanted.format) {
+    case api::SphereFormat::csv: return spheres_to_csv(spheres, listed.columns);
+    case api::SphereFormat::npy: return spheres_to_npy(spheres, listed.columns);
+    case api::SphereFormat::ply: return spheres_to_ply(spheres, listed.columns);
+    case api::SphereFormat::vtp: break;
+  }
+  return spheres_to_vtp(spheres, listed.columns);
+}
+
+std::string checks(Store& store, const Resource& resource, const SphereModel& model, JobContext& job) {
+  const api::ModelRequest source = *api::model_from(resource.document).source;
+  const Volume volume = store.stored_volume(store.find_volume(source.volume), job.context(0.1, 0.2));
+  const InsideSamples samples = classify_samples(volume, source.rule, job.context(0.2, 0.25));
+  return api::checks_document(resource.id,
+                              check_model(model, samples.inside, source.rule.border, job.context(0.25, 0.95)));
+}
+
+// The marching-cubes surface of the object that a model was made of.
+Mesh surface_of(Store& store, const Resource& resource, const SphereModel& model, const Context& context) {
+  const std::optional<api::ModelRequest> source = api::model_from(resource.document).source;
+  if (!source || !model.solid) {
+    throw Error(ErrorCode::unusable,
+                "This model was not made from a volume, so it has no surface; draw the spheres, or the model that "
+                "it was made from.");
+  }
+  const Volume volume = store.stored_volume(store.find_volume(source->volume), context);
+  const InsideSamples samples = classify_samples(volume, source->rule, context);
+  return marching_cubes(volume, source->rule, samples, model.solid->boundary, context);
+}
+
+std::string pictures(Store& store, const Resource& resource, const std::shared_ptr<const SphereModel>& model,
+                     const api::RenderRequest& wanted, JobContext& job) {
+  std::vector<Resource> resources{resource};
+  std::vector<std::shared_ptr<const SphereModel>> models{model};
+  if (!wanted.with.empty()) {
+    resources.push_back(store.find_model(wanted.with));
+    models.push_back(store.load(resources.back(), job.context(0.1, 0.15)));
+  }
+  std::vector<Mesh> surfaces(models.size());
+  std::vector<std::vector<double>> volumes(models.size());
+  std::vector<Subject> subjects;
+  for (std::size_t i = 0; i < models.size(); ++i) {
+    if (wanted.options.style == Style::surface) {
+      surfaces[i] = surface_of(store, resources[i], *models[i], job.context(0.15, 0.3));
+    }
+    if (wanted.options.colour_by == ColourBy::contribution) {
+      for (const BallPart& part : store.union_of(resources[i], *models[i], job.context(0.15, 0.3)).parts) {
+        volumes[i].push_back(part.volume_mm3);
+      }
+    }
+    subjects.push_back({.model = models[i].get(), .surface = &surfaces[i], .contributions_mm3 = volumes[i]});
+  }
+  const std::vector<Image> frames = render(subjects, wanted.options, job.context(0.3, 0.95));
+  constexpr int kFramesPerSecond = 15;
+  return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
+}
+
+}  // namespace
+
+Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
+  const api::DerivedRequest request = api::derived_from(record.request);
+  const Resource resource = store.find_model(request.model);
+  Context context = job.context(0, 0.1);
+  context.report("load", 0);
+  const std::shared_ptr<const SphereModel> model = store.load(resource, context);
+  context = job.context(0.1, 0.95);
+  context.report(record.kind, 0);
+  if (std::holds_alternative<api::ContributionsRequest>(request.what)) {
+    return store.keep(request.model, measure_union(*model, context));
+  }
+  std::string bytes;
+  if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(store, resource, *model, job);
+  if (std::holds_alternative<api::ChecksRequest>(request.what)) bytes = checks(store, resource, *model, job);
+  if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
+    bytes = pictures(store, resource, model, *render, job);
+  }
+  if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
+    bytes = exported(store, resource, *model, *wanted, context);
+  }
+  context.throw_if_cancelled();
+  job.context(0.95, 1).report("store", 0);
+  Resource answer;
+  answer.id = record.result_id;
+  answer.collection = answers_collection;
+  answer.request = record.request;
+  answer.inputs = {request.model};
+  if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
+    answer.inputs.push_back(render->with);
+  }
+  answer.bytes = bytes.size();
+  answer.blobs = {store.blobs.put("answers/" + record.result_id, bytes)};
+  return answer;
+}
+
+}  // namespace spherule::server

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/store.h"
+
+#include <limits>
+#include <utility>
+
+#include "api/documents.h"
+#include "core/io/read.h"
+#include "core/pipeline.h"
+#include "server/model_blob.h"
+#include "server/union_blob.h"
+
+namespace spherule::server {
+
+std::string algorithm_version_text() { return std::to_string(algorithm_version); }
+
+void not_found(const char* what) {
+  throw Error(ErrorCode::not_found, std::string("There is no such ") + what + "; it was deleted or never made.");
+}
+
+api::Content content_of(Blob blob) {
+  const auto shared = std::make_shared<const Blob>(std::move(blob));
+  return {.bytes = shared->size(),
+          .sha256 = shared->sha256(),
+          .read_at = [shared](std::uint64_t offset, std::span<char> out) { return shared->read_at(offset, out); }};
+}
+
+void Stopwatch::lap(const std::string& stage) {
+  const auto now = std::chrono::steady_clock::now();
+  seconds_[stage] = std::chrono::duration<double>(now - last_).count();
+  last_ = now;
+}
+
+Store::Store(const Config& given)
+    : config(given),
+      catalog((std::filesystem::create_directories(given.data), given.catalog_file())),
+      blobs((given.blob_folder())),
+      cache(given.model_cache_bytes),
+      contributions(given.model_cache_bytes / 4),
+      heavy(static_cast<std::ptrdiff_t>(given.jobs_at_once)) {
+  remove_orphans(catalog, blobs);
+}
+
+Resource Store::find(const std::string& id, const char* collection, const char* what) const {
+  auto resource = catalog.find(id);
+  if (!resource || resource->collection != collection) not_found(what);
+  return std::move(*resource);
+}
+
+Volume Store::read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
+                   const api::VolumeParameters& parameters, const Context& context) const {
+  ReadOptions options{.raw = parameters.raw, .frame = parameters.frame, .grid = parameters.grid, .limits = {}};
+  options.limits.max_voxels = config.max_voxels;
+  options.limits.max_bytes = config.max_decompressed_bytes;
+  if (open.size() == 1) return read_volume({open.front().path()}, options, context);
+  ScratchFolder folder(blobs.scratch_root());
+  std::vector<std::filesystem::path> paths;
+  for (std::size_t i = 0; i < open.size(); ++i) paths.push_back(folder.link(open[i], files[i].name));
+  return read_volume(paths, options, context);
+}
+
+Volume Store::stored_volume(const Resource& resource, const Context& context) const {
+  const api::VolumeInfo info = api::volume_from(resource.document);
+  std::vector<Blob> open;
+  for (const std::string& key : resource.blobs) {
+    open.push_back(blobs.open(key));
+    open.back().verify();
+  }
+  return read(info.files, std::move(open), info.parameters, context);
+}
+
+std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context) {
+  return cache.get_or_load(resource.id, [&] {
+    const Permit permit(*this);
+    const Blob blob = blobs.open(resource.blobs.at(0));
+    blob.verify();
+    const auto model = std::make_shared<const SphereModel>(read_model(blob, context));
+    return Cache<SphereModel>::Loaded{model, bytes_in_memory(*model)};
+  });
+}
+
+Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch) {
+  const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
+  write_model(model, [&](std::string_view piece) { staging->append(piece); });
+  Resource resource;
+  resource.id = info.id;
+  resource.collection = models_collection;
+  resource.bytes = staging->size();
+  resource.blobs = {staging->commit("models/" + info.id)};
+  watch.lap("store");
+  info.timings_s = watch.seconds();
+  info.created = now();
+  resource.document = api::record_of(info);
+  cache.get_or_load(info.id, [&] {
+    const std::size_t bytes = bytes_in_memory(model);
+    return Cache<SphereModel>::Loaded{std::make_shared<const SphereModel>(std::move(model)), bytes};
+  });
+  return resource;
+}
+
+std::string Store::contributions_id(const std::string& model) {
+  return content_id("ans",
+                    api::identity_of({.model = model, .what = api::ContributionsRequest{}}, algorithm_version_text()));
+}
+
+UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& model) const {
+  const Blob blob = blobs.open(answer.blobs.at(0));
+  blob.verify();
+  UnionMeasures whole = read_union(blob);
+  if (whole.parts.size() != model.spheres.size()) {
+    throw Error(ErrorCode::corrupt, "The stored measures are of another model; delete the model and make it again.");
+  }
+  return whole;
+}
+
+Resource Store::keep(const std::string& model, const UnionMeasures& whole) {
+  const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
+  write_union(whole, [&](std::string_view piece) { staging->append(piece); });
+  Resource answer;
+  answer.id = contributions_id(model);
+  answer.collection = answers_collection;
+  answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}});
+  answer.inputs = {model};
+  answer.bytes = staging->size();
+  answer.blobs = {staging->commit("answers/" + answer.id)};
+  return answer;
+}
+
+UnionMeasures Store::union_of(const Resource& resource, const SphereModel& model, const Context& context) {
+  if (const auto known = catalog.find(contributions_id(resource.id))) return read_union_of(*known, model);
+  UnionMeasures whole = measure_union(model, context);
+  publish(catalog, blobs, keep(resource.id, whole));
+  return whole;
+}
+
+}  // namespace spherule::server

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// What is kept, in the terms of core/: volumes, models and the measures of their unions, over the catalogue, the blobs
+// and the memory cache. Everything that serves or computes goes through it.
+#pragma once
+
+#include <chrono>
+#include <map>
+#include <memory>
+#include <semaphore>
+#include <string>
+#include <vector>
+
+#include "api/service.h"
+#include "core/base/context.h"
+#include "core/spheres.h"
+#include "core/union.h"
+#include "core/volume.h"
+#include "server/blob_store.h"
+#include "server/cache.h"
+#include "server/catalog.h"
+#include "server/config.h"
+#include "server/listing.h"
+
+namespace spherule::server {
+
+// Collections of the catalogue.
+inline constexpr const char* volumes_collection = "volumes";
+inline constexpr const char* models_collection = "models";
+inline constexpr const char* answers_collection = "answers";
+
+/// Of the algorithms, as it enters ids.
+std::string algorithm_version_text();
+
+/// Throws not_found with the sentence for a missing `what` ("model").
+[[noreturn]] void not_found(const char* what);
+
+/// Stored bytes as the interface hands them out.
+api::Content content_of(Blob blob);
+
+/// Seconds of each stage, by name.
+class Stopwatch {
+ public:
+  void lap(const std::string& stage);
+  void set(const std::string& stage, double seconds) { seconds_[stage] = seconds; }
+  void restart() { last_ = std::chrono::steady_clock::now(); }
+  const std::map<std::string, double>& seconds() const { return seconds_; }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+  std::map<std::string, double> seconds_;
+};
+
+/// Thread safe. Ids that nothing bears throw not_found; damaged bytes throw corrupt.
+struct Store {
+  /// Opens the store in config.data (made if needed). Throws busy when another process uses that folder, and what
+  /// Catalog and FileBlobStore throw.
+  explicit Store(const Config& given);
+
+  /// Held while a whole volume or model is read beside the jobs: as many at once as jobs.
+  class Permit {
+   public:
+    explicit Permit(Store& store) : store_(store) { store_.heavy.acquire(); }
+    ~Permit() { store_.heavy.release(); }
+    Permit(const Permit&) = delete;
+    Permit& operator=(const Permit&) = delete;
+
+   private:
+    Store& store_;
+  };
+
+  /// For work within a request.
+  Context request_context() const { return {.threads = config.threads_per_job(), .cancel = {}, .progress = {}}; }
+
+  Resource find(const std::string& id, const char* collection, const char* what) const;
+  Resource find_volume(const std::string& id) const { return find(id, volumes_collection, "volume"); }
+  Resource find_model(const std::string& id) const { return find(id, models_collection, "model"); }
+
+  /// Reads files of these names; a single one needs none.
+  Volume read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
+              const api::VolumeParameters& parameters, const Context& context) const;
+  Volume stored_volume(const Resource& resource, const Context& context) const;
+
+  /// The model, from memory or the disk.
+  std::shared_ptr<const SphereModel> load(const Resource& resource, const Context& context);
+  /// Makes the model's blob durable and describes it as a resource.
+  Resource keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch);
+
+  static std::string contributions_id(const std::string& model);
+  UnionMeasures read_union_of(const Resource& answer, const SphereModel& model) const;
+  /// Makes the measures of a model's union durable and describes them as a resource.
+  Resource keep(const std::string& model, const UnionMeasures& whole);
+  /// As kept, or measured and kept: several answers need it, and it takes longest.
+  UnionMeasures union_of(const Resource& resource, const SphereModel& model, const Context& context);
+
+  Config config;
+  Catalog catalog;  // its lock comes before anything else is touched
+  FileBlobStore blobs;
+  Cache<SphereModel> cache;
+  Cache<Contributions> contributions;
+  std::counting_semaphore<> heavy;
+};
+
+}  // namespace spherule::server

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/upload.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+#include "core/base/error.h"
+
+namespace spherule::server {
+
+namespace {
+
+constexpr std::size_t kMaxFiles = 4096;
+
+}  // namespace
+
+FileUpload::FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced) : blobs_(blobs), limit_(limit) {
+  first_ = announced > 0 ? blobs.stage(limit, announced) : blobs.stage(limit);
+}
+
+void FileUpload::begin_file(std::string_view name) {
+  if (const std::size_t slash = name.find_last_of("/\\"); slash != name.npos) name.remove_prefix(slash + 1);
+  if (files_.size() == kMaxFiles) {
+    throw Error(ErrorCode::invalid_argument, "Send at most " + std::to_string(kMaxFiles) + " files at once.");
+  }
+  for (const File& file : files_) {
+    if (file.name.empty() || name.empty()) {
+      throw Error(ErrorCode::invalid_argument, "Give every one of several files its file name.");
+    }
+    if (file.name == name) throw Error(ErrorCode::invalid_argument, "Give every file a name of its own.");
+  }
+  files_.push_back({std::string(name), first_ ? std::move(first_) : blobs_.stage(limit_)});
+}
+
+void FileUpload::write(std::string_view piece) { files_.back().staging->append(piece); }
+
+std::vector<FileUpload::File>& FileUpload::files() {
+  if (files_.empty()) throw Error(ErrorCode::invalid_argument, "Send at least one file.");
+  std::ranges::sort(files_, {}, &File::name);
+  return files_;
+}
+
+Mapping::Mapping(const Blob& blob) : size_(blob.size()) {
+  const int file = ::open(blob.path().c_str(), O_RDONLY | O_CLOEXEC);
+  if (file >= 0 && size_ > 0) data_ = ::mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, file, 0);
+  if (file >= 0) ::close(file);
+  if (file < 0 || data_ == MAP_FAILED) {
+    throw Error(ErrorCode::corrupt, "The stored upload cannot be read back; send it again.");
+  }
+}
+
+Mapping::~Mapping() {
+  if (data_ != nullptr) ::munmap(data_, size_);
+}
+
+}  // namespace spherule::server

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Files on their way from a request to the disk.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/service.h"
+#include "server/blob_store.h"
+
+namespace spherule::server {
+
+/// Streams every file to a staging file of the blob store; what is not committed vanishes with the object. Not thread
+/// safe: one request writes it.
+class FileUpload final : public api::Upload {
+ public:
+  struct File {
+    std::string name;
+    std::unique_ptr<Staging> staging;
+  };
+
+  /// Looks at the free space for `announced` bytes (0: unknown) before the first byte is taken; `limit` bytes are the
+  /// most that a file may have. Throws no_space.
+  FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced);
+
+  void begin_file(std::string_view name) override;
+  void write(std::string_view piece) override;
+
+  /// What has arrived, ascending by name. Throws invalid_argument when that is nothing.
+  std::vector<File>& files();
+
+ private:
+  BlobStore& blobs_;
+  std::uint64_t limit_;
+  std::unique_ptr<Staging> first_;
+  std::vector<File> files_;
+};
+
+/// The bytes of a file without holding them in memory.
+class Mapping {
+ public:
+  /// Throws corrupt when the file cannot be read.
+  explicit Mapping(const Blob& blob);
+  ~Mapping();
+  Mapping(const Mapping&) = delete;
+  Mapping& operator=(const Mapping&) = delete;
+  std::string_view text() const { return {static_cast<const char*>(data_), size_}; }
+
+ private:
+  void* data_ = nullptr;
+  std::size_t size_;
+};
+
+}  // namespace spherule::server
