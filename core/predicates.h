@@ -108,4 +108,21 @@ constexpr int perturbed_in_sphere(LatticePoint a, LatticePoint b, LatticePoint c
                                : perturbed(in_sphere_of<Wide>(ae, be, ce, de), {a, b, c, d}, e);
 }
 
+// In the plane of the first two axes; z is not looked at. Areas are below 2^49, squared lengths too, the sum of three
+// products below 2^100.
+
+/// Twice the signed area of a triangle: positive when it runs from x to y.
+constexpr std::int64_t two_areas(LatticePoint a, LatticePoint b, LatticePoint c) {
+  const Difference ab = b - a, ac = c - a;
+  return ab.x * ac.y - ab.y * ac.x;
+}
+/// For a triangle of positive area: 1 when d is strictly inside its circumcircle, 0 on it, -1 outside.
+constexpr int in_circle(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const auto lift = [&](LatticePoint p) {
+    const Difference v = p - d;
+    return Wide{v.x * v.x + v.y * v.y};
+  };
+  return sign(lift(a) * two_areas(d, b, c) + lift(b) * two_areas(d, c, a) + lift(c) * two_areas(d, a, b));
+}
+
 }  // namespace spherule::exact

@@ -32,11 +32,18 @@ class Mask {
            return reach - std::hypot(x - a.x - t * dx, y - a.y - t * dy);
          });
   }
+  // Only the two spans of each row that the ring can reach: a large one is looked at no more than its line is long.
   void ring(Point2 c, double radius, double width) {
-    const double reach = width / 2 + 0.5;
-    const double outer = radius + reach;
-    each(c.x - outer, c.y - outer, c.x + outer, c.y + outer,
-         [&](double x, double y) { return reach - std::abs(std::hypot(x - c.x, y - c.y) - radius); });
+    const double reach = width / 2 + 0.5, outer = radius + reach, inner = radius - reach;
+    const auto depth = [&](double x, double y) { return reach - std::abs(std::hypot(x - c.x, y - c.y) - radius); };
+    const auto half_chord = [](double r, double height) { return std::sqrt(std::max(0.0, r * r - height * height)); };
+    const int first = clamped(std::floor(c.y - outer), y1_), last = clamped(std::ceil(c.y + outer), y1_);
+    for (int y = std::max(y0_, first); y < last; ++y) {
+      const double height = y + 0.5 - c.y, wide = half_chord(outer, height);
+      const double narrow = inner > std::abs(height) ? half_chord(inner, height) : 0;
+      each(c.x - wide, y, c.x - narrow, y + 1, depth);
+      each(c.x + narrow, y, c.x + wide, y + 1, depth);
+    }
   }
   void disc(Point2 c, double radius) {
     const double outer = radius + 0.5;
