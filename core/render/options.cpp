@@ -97,6 +97,7 @@ SPHERULE_WORDS(ColourBy, {"none", "radius", "contribution", "component", "cluste
 SPHERULE_WORDS(Background, {"transparent", "white", "dark", "gradient"})
 SPHERULE_WORDS(Projection, {"orthographic", "perspective"})
 SPHERULE_WORDS(Layout, {"beside", "overlaid"})
+SPHERULE_WORDS(Overlay, {"contour", "points", "triangles", "inside", "circles", "centres"})
 #undef SPHERULE_WORDS
 
 std::string listed(std::span<const std::string_view> choices) {
@@ -154,22 +155,24 @@ bool by_number(const RenderOptions& o) {
 Viewpoint& viewpoint(RenderOptions& o) {
   return o.camera.viewpoint ? *o.camera.viewpoint : o.camera.viewpoint.emplace();
 }
+Window& window(SliceOptions& o) { return o.window ? *o.window : o.window.emplace(); }
 
 // One option: how its text is read, how it is written (empty: it is not set), and when it matters.
+template <typename Options>
 struct Option {
   std::string_view name;
-  void (*set)(RenderOptions&, std::string_view name, std::string_view text);
-  std::string (*get)(const RenderOptions&);
-  bool (*matters)(const RenderOptions&) = [](const RenderOptions&) { return true; };
+  void (*set)(Options&, std::string_view name, std::string_view text);
+  std::string (*get)(const Options&);
+  bool (*matters)(const Options&) = [](const Options&) { return true; };
   const char* when = "";
 };
 
-#define SPHERULE_FIELD(field)                                                                        \
-  [](RenderOptions& o, std::string_view name, std::string_view text) { read(name, text, o.field); }, \
-      [](const RenderOptions& o) { return write(o.field); }
-#define SPHERULE_WHEN(condition, sentence) [](const RenderOptions& o) { return condition; }, sentence
+#define SPHERULE_FIELD(field)                                                               \
+  [](auto& o, std::string_view name, std::string_view text) { read(name, text, o.field); }, \
+      [](const auto& o) { return write(o.field); }
+#define SPHERULE_WHEN(condition, sentence) [](const auto& o) { return condition; }, sentence
 
-constexpr auto kOptions = std::to_array<Option>({
+constexpr auto kRenderOptions = std::to_array<Option<RenderOptions>>({
     {"style", SPHERULE_FIELD(style)},
     {"smoothness", SPHERULE_FIELD(smoothness), SPHERULE_WHEN(o.style == Style::blobs, "This is for style=blobs.")},
     {"point_radius", SPHERULE_FIELD(point_radius_mm),
@@ -255,47 +258,108 @@ constexpr auto kOptions = std::to_array<Option>({
     {"marker", SPHERULE_FIELD(orientation_marker)},
     {"scale_bar", SPHERULE_FIELD(scale_bar)},
 });
+
+constexpr auto kSliceOptions = std::to_array<Option<SliceOptions>>({
+    {"width", SPHERULE_FIELD(width)},
+    {"height", SPHERULE_FIELD(height)},
+    {"window", [](SliceOptions& o, std::string_view name, std::string_view text) { read(name, text, window(o).width); },
+     [](const SliceOptions& o) { return o.window ? write(o.window->width) : std::string(); },
+     SPHERULE_WHEN(o.image, "This is for image=true.")},
+    {"level", [](SliceOptions& o, std::string_view name, std::string_view text) { read(name, text, window(o).level); },
+     [](const SliceOptions& o) { return o.window ? write(o.window->level) : std::string(); },
+     SPHERULE_WHEN(o.image, "This is for image=true.")},
+    {"smooth", SPHERULE_FIELD(smooth), SPHERULE_WHEN(o.image, "This is for image=true.")},
+    {"image", SPHERULE_FIELD(image)},
+    {"region",
+     [](SliceOptions& o, std::string_view name, std::string_view text) {
+       const auto v = numbers(name, text, 4, 4);
+       o.region = std::array{v[0], v[1], v[2], v[3]};
+     },
+     [](const SliceOptions& o) {
+       std::string list;
+       if (o.region)
+         for (const double v : *o.region) list += (list.empty() ? "" : ",") + text_of(v);
+       return list;
+     }},
+    {"show",
+     [](SliceOptions& o, std::string_view name, std::string_view text) {
+       o.show.clear();
+       for (const std::string_view part : split(text)) read(name, part, o.show.emplace_back());
+       std::ranges::sort(o.show);
+       o.show.erase(std::ranges::unique(o.show).begin(), o.show.end());
+     },
+     [](const SliceOptions& o) {
+       std::string list;
+       for (const Overlay what : o.show) list += (list.empty() ? "" : ",") + write(what);
+       return list;
+     }},
+    {"letters", SPHERULE_FIELD(letters)},
+    {"scale_bar", SPHERULE_FIELD(scale_bar)},
+    {"caption", SPHERULE_FIELD(caption)},
+});
 #undef SPHERULE_FIELD
 #undef SPHERULE_WHEN
 
-constexpr auto kNames = [] {
-  std::array<std::string_view, kOptions.size()> names;
-  std::ranges::transform(kOptions, names.begin(), &Option::name);
+template <const auto& table>
+constexpr auto names_in = [] {
+  std::array<std::string_view, table.size()> names;
+  std::ranges::transform(table, names.begin(), [](const auto& option) { return option.name; });
   return names;
 }();
 
-}  // namespace
+bool is_given(const OptionTexts& given, std::string_view name) {
+  return std::ranges::any_of(given, [&](const auto& pair) { return pair.first == name; });
+}
 
-std::span<const std::string_view> render_option_names() { return kNames; }
-
-RenderOptions parse_render_options(const OptionTexts& given) {
-  RenderOptions options;
-  const auto text_given = [&](std::string_view name) {
-    return std::ranges::find(given, name, [](const auto& pair) { return std::string_view(pair.first); });
-  };
+template <typename Options, std::size_t n>
+Options parsed(const std::array<Option<Options>, n>& table, const OptionTexts& given) {
+  Options options;
   for (auto it = given.begin(); it != given.end(); ++it) {
     const auto& [name, text] = *it;
-    const auto option = std::ranges::find(kOptions, std::string_view(name), &Option::name);
-    if (option == kOptions.end()) refuse(name.substr(0, 100), "There is no such option.");
-    if (text_given(name) != it) refuse(name, "Give this option once.");
+    const auto option = std::ranges::find(table, std::string_view(name), &Option<Options>::name);
+    if (option == table.end()) refuse(name.substr(0, 100), "There is no such option.");
+    if (std::any_of(given.begin(), it, [&](const auto& other) { return other.first == name; }))
+      refuse(name, "Give this option once.");
     option->set(options, option->name, text);
   }
-  for (const Option& option : kOptions)
-    if (text_given(option.name) != given.end() && !option.matters(options)) refuse(option.name, option.when);
-  if (text_given("view") != given.end() && text_given("views") != given.end()) refuse("views", "Give a view or views.");
-  for (const std::string_view name : {"look_at", "up"})
-    if (text_given(name) != given.end() && text_given("position") == given.end())
-      refuse(name, "This is for a position.");
+  for (const auto& option : table)
+    if (is_given(given, option.name) && !option.matters(options)) refuse(option.name, option.when);
   return options;
 }
 
-OptionTexts render_option_texts(const RenderOptions& options) {
+template <typename Options, std::size_t n>
+OptionTexts texts_of(const std::array<Option<Options>, n>& table, const Options& options) {
   OptionTexts texts;
-  for (const Option& option : kOptions) {
+  for (const auto& option : table) {
     if (!option.matters(options)) continue;
     if (std::string text = option.get(options); !text.empty()) texts.emplace_back(option.name, std::move(text));
   }
   return texts;
 }
+
+}  // namespace
+
+std::span<const std::string_view> render_option_names() { return names_in<kRenderOptions>; }
+
+RenderOptions parse_render_options(const OptionTexts& given) {
+  const RenderOptions options = parsed(kRenderOptions, given);
+  if (is_given(given, "view") && is_given(given, "views")) refuse("views", "Give a view or views.");
+  for (const std::string_view name : {"look_at", "up"})
+    if (is_given(given, name) && !is_given(given, "position")) refuse(name, "This is for a position.");
+  return options;
+}
+
+OptionTexts render_option_texts(const RenderOptions& options) { return texts_of(kRenderOptions, options); }
+
+std::span<const std::string_view> slice_option_names() { return names_in<kSliceOptions>; }
+
+SliceOptions parse_slice_options(const OptionTexts& given) {
+  const SliceOptions options = parsed(kSliceOptions, given);
+  if (is_given(given, "window") != is_given(given, "level"))
+    refuse(is_given(given, "window") ? "level" : "window", "Give window and level together.");
+  return options;
+}
+
+OptionTexts slice_option_texts(const SliceOptions& options) { return texts_of(kSliceOptions, options); }
 
 }  // namespace spherule

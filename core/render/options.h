@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/render/render.h"
+#include "core/render/slice_picture.h"
 
 namespace spherule {
 
@@ -29,5 +30,11 @@ RenderOptions parse_render_options(const OptionTexts& given);
 /// Every option that matters, defaults filled in: equal pictures have equal texts, and parsing them gives the options
 /// back.
 OptionTexts render_option_texts(const RenderOptions& options);
+
+/// The same of slices. `window` and `level` come together; `region` is four numbers; `show` is a list of words. What
+/// check_slice_options checks is left to it.
+std::span<const std::string_view> slice_option_names();
+SliceOptions parse_slice_options(const OptionTexts& given);
+OptionTexts slice_option_texts(const SliceOptions& options);
 
 }  // namespace spherule
