@@ -2,6 +2,7 @@
 #include "api/documents.h"
 
 #include <algorithm>
+#include <charconv>
 #include <chrono>
 #include <ctime>
 #include <nlohmann/json.hpp>
@@ -445,6 +446,72 @@ std::string checks_document(const std::string& model, const ModelChecks& checks)
                {"links", {{"model", "/v1/models/" + model}}}});
 }
 
+namespace {
+
+// Rows of numbers, written straight into the text: a slice may have a million.
+template <typename Range, typename Row>
+void append_rows(std::string& out, std::string_view name, const Range& range, Row row) {
+  out += ",\n  \"" + std::string(name) + "\": [";
+  const char* before = "\n    [";
+  for (const auto& item : range) {
+    out += before;
+    const char* comma = "";
+    for (const auto number : row(item)) {
+      std::array<char, 32> digits;
+      out += comma;
+      out.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr);
+      comma = ", ";
+    }
+    out += ']';
+    before = ",\n    [";
+  }
+  out += std::ranges::empty(range) ? "]" : "\n  ]";
+}
+
+}  // namespace
+
+std::string slice_document(const SliceRequest& request, const Grid& slice, const PlaneModel* model) {
+  const SlicePlane plane = plane_of(slice);
+  const std::array<std::string, 2> axes{request.axis == 0 ? "j" : "i", request.axis == 2 ? "j" : "k"};
+  const std::size_t across = plane.across == 0 ? 0 : 1;
+  const std::array<Vec3, 2> steps{slice.spacing.x * slice.direction.column(0),
+                                  slice.spacing.y * slice.direction.column(1)};
+  Json json{
+      {"volume", request.volume},
+      {"axis", std::string(1, "ijk"[request.axis])},
+      {"index", request.index},
+      {"plane", plane.name},
+      {"origin", triple(slice.origin)},
+      {"axes",
+       {{{"axis", axes[0]}, {"samples", slice.dims[0]}, {"step", triple(steps[0])}},
+        {{"axis", axes[1]}, {"samples", slice.dims[1]}, {"step", triple(steps[1])}}}},
+      {"picture",
+       {{"across", axes[across]},
+        {"left", plane.left},
+        {"right", plane.right},
+        {"top", plane.top},
+        {"bottom", plane.bottom}}},
+      {"links", {{"self", path_of({.model = {}, .what = request})}, {"volume", "/v1/volumes/" + request.volume}}}};
+  if (model == nullptr) return text(json);
+  json["object"] = rule_json(*request.object);
+  json["inside_samples"] = model->inside_samples;
+  json["area_mm2"] = model->area_mm2;
+  json["inside_triangles"] = model->inside_count;
+  std::string out = text(json);
+  out.erase(out.rfind('}'));
+  while (out.back() == '\n' || out.back() == ' ') out.pop_back();
+  append_rows(out, "boundary_points", model->points, [&](LatticePoint p) {
+    const Vec3 at = model->lattice.to_patient(p);
+    return std::array{at.x + 0.0, at.y + 0.0, at.z + 0.0};
+  });
+  append_rows(out, "contour", model->contour, [](const auto& edge) { return edge; });
+  append_rows(out, "triangles", model->triangles, [](const auto& triangle) { return triangle; });
+  append_rows(out, "circles", model->circles, [](const Sphere& c) {
+    return std::array{c.centre.x + 0.0, c.centre.y + 0.0, c.centre.z + 0.0, c.radius};
+  });
+  return out + "\n}\n";
+}
+
 std::string about_document(const About& about) {
   return text({{"version", about.version}, {"algorithm_version", about.algorithm_version}, {"api", "v1"}});
 }
@@ -491,6 +558,10 @@ std::string iso_time(Time time) {
 }
 
 std::string path_of(const DerivedRequest& request) {
+  if (const auto* slice = std::get_if<SliceRequest>(&request.what)) {
+    return "/v1/volumes/" + slice->volume + "/slices/" + "ijk"[slice->axis] + "/" + std::to_string(slice->index) +
+           query_of(*slice);
+  }
   const std::string model = "/v1/models/" + request.model;
   struct Visitor {
     std::string operator()(const MeasuresRequest&) const { return "/measures"; }
@@ -507,6 +578,7 @@ std::string path_of(const DerivedRequest& request) {
       return path;
     }
     std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
+    std::string operator()(const SliceRequest&) const { return {}; }  // not of a model
   };
   return model + std::visit(Visitor{}, request.what);
 }

@@ -30,6 +30,8 @@ std::string radius_histogram_document(const std::string& model, const RadiusHist
 /// With the `listed_components` largest components at most.
 std::string measures_document(const std::string& model, const ModelMeasures& measures);
 inline constexpr std::size_t listed_components = 1000;
+/// One slice, and the object on it, if any.
+std::string slice_document(const SliceRequest& request, const Grid& slice, const PlaneModel* model);
 /// The same document with the `count` largest components only.
 std::string with_components(std::string_view measures_document, std::size_t count);
 std::string checks_document(const std::string& model, const ModelChecks& checks);

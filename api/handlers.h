@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "api/http.h"
+#include "api/requests.h"
+#include "core/render/plot.h"
 
 namespace spherule::api {
 
@@ -24,6 +26,7 @@ Response get_volume(const Call& call);
 Response delete_volume(const Call& call);
 Response get_volume_content(const Call& call);
 Response get_volume_histogram(const Call& call);
+Response get_slice(const Call& call);
 
 Response list_models(const Call& call);
 Response post_model(const Call& call);
@@ -53,6 +56,20 @@ Response get_docs(const Call& call);
 Response json_response(const Call& call, std::string document, int status = 200);
 /// A stored content, or the part of it that a Range header asks for.
 Response content_response(const Call& call, Content content, std::string media_type, const std::string& filename);
+/// What is derived from a model or volume, once it is there: waits for it, or answers with its job. Throws HttpError
+/// 406 when the Accept header does not allow `media_type`.
+Response derived(const Call& call, const DerivedRequest& request, std::string_view media_type,
+                 const std::string& filename = {});
+/// Throws too_large for pictures of more pixels than the service allows.
+void check_pixels(const Call& call, std::uint64_t pixels);
+/// As what a histogram is asked for, and the size of its plot: `?width=` and `?height=`, which JSON does not have.
+FigureFormat plot_format(const Call& call, const Query& query);
+struct PlotSize {
+  int width = 900, height = 560;
+};
+PlotSize plot_size(const Call& call, const Query& query);
+/// A plot as PNG or SVG.
+Response plotted(const Plot& plot, FigureFormat format, const PlotSize& size);
 /// Adds a Link header to the next page of a list.
 void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next);
 

@@ -69,18 +69,6 @@ Response make_model(const Call& call) {
   return response;
 }
 
-// What is derived from a model, once it is there.
-Response derived(const Call& call, const DerivedRequest& request, std::string_view type, const std::string& filename) {
-  negotiate(call.request.header("Accept"), std::span(&type, 1));
-  const Wait wait = agreed_wait(call, true);
-  Outcome<Content> outcome = call.service.derive(request, wait.granted);
-  auto* content = std::get_if<Content>(&outcome);
-  Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
-                                         : accepted(std::get<JobInfo>(outcome));
-  wait.state(response);
-  return response;
-}
-
 Response exported(const Call& call, const ExportRequest& wanted) {
   Response response =
       derived(call, {.model = call.id(), .what = wanted}, kSphereTypes[static_cast<std::size_t>(wanted.format)],
@@ -99,6 +87,17 @@ std::optional<SphereFormat> sphere_format(std::string_view word) {
 }
 
 }  // namespace
+
+Response derived(const Call& call, const DerivedRequest& request, std::string_view type, const std::string& filename) {
+  negotiate(call.request.header("Accept"), std::span(&type, 1));
+  const Wait wait = agreed_wait(call, true);
+  Outcome<Content> outcome = call.service.derive(request, wait.granted);
+  auto* content = std::get_if<Content>(&outcome);
+  Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
+                                         : accepted(std::get<JobInfo>(outcome));
+  wait.state(response);
+  return response;
+}
 
 Response list_models(const Call& call) {
   const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
@@ -208,26 +207,26 @@ Response get_measures(const Call& call) {
 }
 
 Response get_radius_histogram(const Call& call) {
-  const Query query(call.request, {"buckets", "scale"});
+  const Query query(call.request, {"buckets", "scale", "format", "width", "height"});
   const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(40));
   const auto scale = query.choice("scale", {"linear", "log"}) == "log" ? RadiusScale::logarithmic : RadiusScale::linear;
-  return json_response(call,
-                       radius_histogram_document(call.id(), call.service.radius_histogram(call.id(), buckets, scale)));
+  const FigureFormat format = plot_format(call, query);
+  const PlotSize size = plot_size(call, query);
+  const RadiusHistogram histogram = call.service.radius_histogram(call.id(), buckets, scale);
+  return format == FigureFormat::json ? json_response(call, radius_histogram_document(call.id(), histogram))
+                                      : plotted(plot_of_radii(histogram), format, size);
 }
 
 Response get_checks(const Call& call) {
   const Query query(call.request, {});
-  return derived(call, {.model = call.id(), .what = ChecksRequest{}}, "application/json", {});
+  return derived(call, {.model = call.id(), .what = ChecksRequest{}}, "application/json");
 }
 
 Response get_render(const Call& call) {
   const RenderRequest render = render_request(call.request);
-  const std::uint64_t most = call.service.limits().image_pixels;
-  if (pixels_of(render.options, render.with.empty() ? 1 : 2) > most) {
-    throw Error(ErrorCode::too_large, "Ask for pictures of at most " + std::to_string(most) + " pixels in all.");
-  }
+  check_pixels(call, pixels_of(render.options, render.with.empty() ? 1 : 2));
   const char* type = render.options.turntable > 0 ? "image/gif" : "image/png";
-  return derived(call, {.model = call.id(), .what = render}, type, {});
+  return derived(call, {.model = call.id(), .what = render}, type);
 }
 
 Response get_export(const Call& call) {

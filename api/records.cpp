@@ -2,6 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/documents.h"
+#include "api/requests.h"
 #include "core/render/options.h"
 
 namespace spherule::api {
@@ -108,7 +109,24 @@ Json to_json(const DerivedRequest& request) {
     for (const SphereFigure figure : listing.columns) json["columns"].push_back(name(figure));
     if (listing.order == SphereOrder::contribution) json["order"] = name(listing.order);
   }
+  if (const auto* slice = std::get_if<SliceRequest>(&request.what)) {
+    json = {{"what", "slice"},     {"edition", kPictureEdition}, {"volume", slice->volume},
+            {"axis", slice->axis}, {"index", slice->index},      {"format", media_type(slice->format)}};
+    if (slice->object) json["object"] = to_json(ModelRequest{slice->volume, *slice->object});
+    for (const auto& [name, text] : slice_option_texts(slice->options)) json["options"][name] = text;
+  }
   return json;
+}
+
+SliceRequest slice_from(const Json& json) {
+  SliceRequest slice{.volume = json.at("volume"), .axis = json.at("axis"), .index = json.at("index")};
+  if (json.contains("object")) slice.object = model_request_from_json(json.at("object")).rule;
+  for (const FigureFormat format : {FigureFormat::json, FigureFormat::png, FigureFormat::svg})
+    if (json.at("format") == media_type(format)) slice.format = format;
+  OptionTexts texts;
+  for (const auto& [name, text] : json.at("options").items()) texts.emplace_back(name, text.get<std::string>());
+  slice.options = parse_slice_options(texts);
+  return slice;
 }
 
 SphereListing listing_from(const Json& json) {
@@ -232,8 +250,9 @@ std::string record_of(const DerivedRequest& request) { return to_json(request).d
 
 DerivedRequest derived_from(std::string_view record) {
   return read(record, [](const Json& json) {
-    DerivedRequest request{.model = json.at("model"), .what = {}};
     const std::string what = json.at("what");
+    if (what == "slice") return DerivedRequest{.model = {}, .what = slice_from(json)};
+    DerivedRequest request{.model = json.at("model"), .what = {}};
     if (what == "measures") {
       request.what = MeasuresRequest{};
     } else if (what == "checks") {

@@ -229,6 +229,135 @@ std::string query_of(const RenderRequest& request) {
   return query;
 }
 
+namespace {
+
+// In the order of FigureFormat.
+constexpr std::array<std::string_view, 3> kFigureWords = {"json", "png", "svg"};
+constexpr std::array<std::string_view, 3> kFigureTypes = {"application/json", "image/png", "image/svg+xml"};
+constexpr auto kRuleNames = std::to_array<std::string_view>({"threshold", "range", "labels", "inside", "border"});
+
+std::string text_of(double value) {
+  std::array<char, 32> text;
+  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value + 0.0).ptr};  // -0 is 0
+}
+
+std::vector<std::int64_t> labels_of(std::string_view text) {
+  std::vector<std::int64_t> labels;
+  bool good = true;
+  split(text, ',', [&](std::string_view word) {
+    const auto label = parse_number<std::int64_t>(word);
+    good = good && label && labels.size() < 65536;
+    if (good) labels.push_back(*label);
+  });
+  if (!good || labels.empty()) refuse("labels", "Give whole numbers with commas between.");
+  std::ranges::sort(labels);
+  labels.erase(std::ranges::unique(labels).begin(), labels.end());
+  return labels;
+}
+
+}  // namespace
+
+FigureFormat figure_format(const Request& request, const Query& query, std::span<const FigureFormat> order) {
+  FigureFormat asked;
+  if (const auto word = query.choice("format", {"json", "png", "svg"})) {
+    asked = static_cast<FigureFormat>(std::ranges::find(kFigureWords, *word) - kFigureWords.begin());
+    order = std::span(&asked, 1);
+  }
+  std::vector<std::string_view> types;
+  for (const FigureFormat format : order) types.push_back(media_type(format));
+  return order[negotiate(request.header("Accept"), types)];
+}
+
+std::string_view media_type(FigureFormat format) { return kFigureTypes[static_cast<std::size_t>(format)]; }
+
+std::optional<ObjectRule> object_rule(const Query& query, Side natural) {
+  const auto threshold = query.numbers("threshold", 1), range = query.numbers("range", 2);
+  const auto labels = query.text("labels");
+  const auto inside = query.choice("inside", {"above", "below"}), border = query.choice("border", {"closed", "open"});
+  const int objects = (threshold ? 1 : 0) + (range ? 1 : 0) + (labels ? 1 : 0);
+  if (objects > 1) refuse(threshold ? "threshold" : "range", "Give one of threshold, range and labels.");
+  if (objects == 0) {
+    if (inside || border)
+      refuse(inside ? "inside" : "border", "This is for an object; give threshold, range or labels.");
+    return std::nullopt;
+  }
+  ObjectRule rule;
+  if (threshold) {
+    rule.lo = threshold->front();
+    rule.side = natural;
+  } else if (range) {
+    rule.kind = ObjectRule::Kind::range;
+    rule.lo = range->front(), rule.hi = range->back();
+    if (rule.lo > rule.hi) refuse("range", "Give two numbers lo,hi with lo no greater than hi.");
+  } else {
+    rule.kind = ObjectRule::Kind::labels;
+    rule.labels = labels_of(*labels);
+  }
+  if (inside) rule.side = *inside == "below" ? Side::below : Side::above;
+  if (border == "open") rule.border = Border::open;
+  return rule;
+}
+
+SliceRequest slice_request(const Request& request, const VolumeInfo& volume, std::string_view axis,
+                           std::string_view index) {
+  std::vector<std::string_view> known(kRuleNames.begin(), kRuleNames.end());
+  known.push_back("format");
+  known.insert(known.end(), slice_option_names().begin(), slice_option_names().end());
+  const Query query(request, known);
+  SliceRequest wanted;
+  wanted.volume = volume.id;
+  if (axis.size() != 1 || axis[0] < 'i' || axis[0] > 'k')
+    throw Error(ErrorCode::not_found, "There is no such axis; slices are numbered along the grid's axes i, j and k.");
+  wanted.axis = axis[0] - 'i';
+  const std::int32_t count = volume.grid.dims[static_cast<std::size_t>(wanted.axis)];
+  const auto number = parse_number<std::int32_t>(index);
+  if (!number || *number < 0 || *number >= count) {
+    throw Error(ErrorCode::not_found, "There is no such slice; along " + std::string(axis) +
+                                          " the volume has slices 0 to " + std::to_string(count - 1) + ".");
+  }
+  wanted.index = *number;
+  wanted.object = object_rule(query, volume.natural_side);
+  constexpr std::array kOrder{FigureFormat::png, FigureFormat::svg, FigureFormat::json};
+  wanted.format = figure_format(request, query, kOrder);
+  OptionTexts given = request.query;
+  std::erase_if(given, [](const auto& pair) {
+    return pair.first == "format" || std::ranges::find(kRuleNames, pair.first) != kRuleNames.end();
+  });
+  const SliceOptions options = parse_slice_options(given);
+  check_slice_options(options);
+  if (!wanted.object && query.text("show"))
+    refuse("show", "Name the object that is shown: threshold, range or labels.");
+  if (!wanted.object && !options.image) refuse("image", "Without it only an object can be drawn; name one.");
+  // Numbers do not depend on how they could be drawn.
+  if (wanted.format != FigureFormat::json) wanted.options = options;
+  return wanted;
+}
+
+std::string query_of(const SliceRequest& request) {
+  OptionTexts texts{{"format", std::string(kFigureWords[static_cast<std::size_t>(request.format)])}};
+  if (request.object) {
+    const ObjectRule& rule = *request.object;
+    switch (rule.kind) {
+      case ObjectRule::Kind::threshold: texts.emplace_back("threshold", text_of(rule.lo)); break;
+      case ObjectRule::Kind::range: texts.emplace_back("range", text_of(rule.lo) + "," + text_of(rule.hi)); break;
+      case ObjectRule::Kind::labels: {
+        std::string list;
+        for (const std::int64_t label : rule.labels) list += (list.empty() ? "" : ",") + std::to_string(label);
+        texts.emplace_back("labels", list);
+        break;
+      }
+    }
+    texts.emplace_back("inside", rule.side == Side::above ? "above" : "below");
+    if (rule.border == Border::open) texts.emplace_back("border", "open");
+  }
+  const OptionTexts usual = slice_option_texts({});
+  for (const auto& text : slice_option_texts(request.options))
+    if (std::ranges::find(usual, text) == usual.end()) texts.push_back(text);
+  std::string query;
+  for (const auto& [name, text] : texts) query += (query.empty() ? "?" : "&") + name + "=" + text;
+  return query;
+}
+
 ModelWish model_wish(std::string_view text) {
   using Json = nlohmann::json;
   Json json;

@@ -53,6 +53,23 @@ RenderRequest render_request(const Request& request);
 /// The query that asks for this picture: what differs from the defaults.
 std::string query_of(const RenderRequest& request);
 
+/// `?format=`, or what the Accept header likes best: json, png or svg, the first of `order` among equals. Throws
+/// HttpError 406.
+FigureFormat figure_format(const Request& request, const Query& query, std::span<const FigureFormat> order);
+std::string_view media_type(FigureFormat format);
+
+/// `?threshold=`, `?range=` or `?labels=`, with `?inside=` and `?border=`; nothing when none of the first three is
+/// there. `natural` is the inside of a threshold when none is named.
+std::optional<ObjectRule> object_rule(const Query& query, Side natural);
+
+/// A slice of this volume, by the path's axis and index, an object_rule, the options of core/render/options.h and
+/// `?format=`, and no other. Throws not_found for a slice that the volume does not have, and what check_slice_options
+/// throws.
+SliceRequest slice_request(const Request& request, const VolumeInfo& volume, std::string_view axis,
+                           std::string_view index);
+/// The query that asks for this slice: its object, its format and what differs from the defaults.
+std::string query_of(const SliceRequest& request);
+
 /// The body of POST /v1/models as it was sent.
 struct ModelWish {
   std::string volume;

@@ -26,6 +26,7 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"DELETE", "/v1/volumes/{volume}"}, delete_volume},
     {{"GET", "/v1/volumes/{volume}/content"}, get_volume_content},
     {{"GET", "/v1/volumes/{volume}/histogram"}, get_volume_histogram},
+    {{"GET", "/v1/volumes/{volume}/slices/{axis}/{index}"}, get_slice},
     {{"GET", "/v1/models"}, list_models},
     {{"POST", "/v1/models"}, post_model},
     {{"GET", "/v1/models/{model}"}, get_model},

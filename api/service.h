@@ -29,6 +29,7 @@
 #include "core/measure.h"
 #include "core/measures.h"
 #include "core/render/render.h"
+#include "core/render/slice_picture.h"
 #include "core/volume.h"
 
 namespace spherule::api {
@@ -158,8 +159,11 @@ struct SpherePage {
   std::vector<SphereColumn> columns;  ///< as listed
 };
 
-/// What is made from one finished model and kept as the answer's bytes: a JSON document (documents.h), a picture, a
-/// file for other programs.
+/// As what figures are asked for: their numbers, pixels, or shapes.
+enum class FigureFormat : std::uint8_t { json, png, svg };
+
+/// What is made from one finished model, or of one volume, and kept as the answer's bytes: a JSON document
+/// (documents.h), a picture, a file for other programs.
 struct MeasuresRequest {};
 struct ChecksRequest {};
 struct RenderRequest {
@@ -172,9 +176,17 @@ struct ExportRequest {
 };
 /// Every sphere's part of the union: not sent as it is, but needed by measures and by listings of spheres.
 struct ContributionsRequest {};
+struct SliceRequest {
+  std::string volume;
+  int axis = 2;            ///< of the grid: 0, 1, 2 for i, j, k
+  std::int32_t index = 0;  ///< of the slice along it
+  std::optional<ObjectRule> object{};
+  FigureFormat format = FigureFormat::png;
+  SliceOptions options{};  ///< of a picture
+};
 struct DerivedRequest {
-  std::string model;
-  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest> what;
+  std::string model;  ///< empty for a slice, which is of a volume
+  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, SliceRequest> what;
 };
 
 // ------------------------------------------------------------------------------------------------------------- jobs
@@ -185,7 +197,7 @@ constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
 
 struct JobInfo {
   std::string id;
-  std::string kind;  ///< "model", "measures", "checks", "render", "export" or "contributions"
+  std::string kind;  ///< "model", "measures", "checks", "render", "export", "contributions" or "slice"
   JobState state = JobState::queued;
   std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
   double progress = 0;                        ///< 0 … 1 over all stages; never goes back
@@ -278,8 +290,8 @@ class Service {
   virtual SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
                              const SphereListing& listing) = 0;
   virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) = 0;
-  /// Like make_model, for what is derived from a model: the finished answer's bytes. Throws unusable for measures and
-  /// checks that the model's kind does not have.
+  /// Like make_model, for what is derived from a model or volume: the finished answer's bytes. Throws unusable for
+  /// measures and checks that the model's kind does not have.
   virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;
 
   virtual Page<JobInfo> jobs(const PageRequest& page) = 0;

@@ -63,10 +63,24 @@ Response get_volume_content(const Call& call) {
 }
 
 Response get_volume_histogram(const Call& call) {
-  const Query query(call.request, {"buckets"});
+  const Query query(call.request, {"buckets", "plot", "mark", "format", "width", "height"});
   const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(256));
+  const FigureFormat format = plot_format(call, query);
+  const PlotSize size = plot_size(call, query);
+  const auto kind = query.choice("plot", {"values", "sizes"});
+  const auto mark = query.numbers("mark", 1);
+  if (format == FigureFormat::json && (kind || mark)) {
+    throw Error(ErrorCode::invalid_argument, "Correct the parameters listed under errors.",
+                {{kind ? "plot" : "mark", "This is for a plot: format=png or svg."}});
+  }
   const VolumeInfo volume = call.service.volume(call.id());
-  return json_response(call, value_histogram_document(volume, call.service.value_histogram(call.id(), buckets)));
+  const std::vector<std::uint64_t> counts = call.service.value_histogram(call.id(), buckets);
+  if (format == FigureFormat::json) return json_response(call, value_histogram_document(volume, counts));
+  const Vec3 step = volume.grid.spacing;
+  Plot plot = kind == "sizes" ? plot_of_thresholds(volume.range, counts, step.x * step.y * step.z)
+                              : plot_of_values(volume.range, counts);
+  if (mark) plot.marks.push_back({mark->front()});
+  return plotted(plot, format, size);
 }
 
 }  // namespace spherule::api

@@ -11,6 +11,8 @@
 #include "core/marching_cubes.h"
 #include "core/measures.h"
 #include "core/render/render.h"
+#include "core/render/slice_picture.h"
+#include "core/slice.h"
 #include "server/listing.h"
 
 namespace spherule::server {
@@ -94,10 +96,48 @@ std::string pictures(Store& store, const Resource& resource, const std::shared_p
   return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
 }
 
+// A slice of a volume, as numbers or as a picture.
+std::string slice(Store& store, const Resource& resource, const api::SliceRequest& wanted, JobContext& job) {
+  const Volume volume = store.stored_volume(resource, job.context(0, 0.4));
+  const Volume plane = slice_of(volume, wanted.axis, wanted.index);
+  std::optional<PlaneModel> model;
+  if (wanted.object) {
+    model.emplace(build_plane_model(plane, *wanted.object, store.config.max_boundary_points, job.context(0.4, 0.7)));
+  }
+  const PlaneModel* object = model ? &*model : nullptr;
+  if (wanted.format == api::FigureFormat::json) return api::slice_document(wanted, plane.grid, object);
+  const Context context = job.context(0.7, 0.95);
+  Window window;
+  if (wanted.options.image) window = wanted.options.window ? *wanted.options.window : usual_window(volume, context);
+  SlicePicture picture = draw_slice(plane, wanted.axis, wanted.index, object, window, wanted.options, context);
+  if (wanted.format == api::FigureFormat::svg) return to_svg(picture.drawing, encode_png(picture.image));
+  paint(picture.drawing, picture.image);
+  return encode_png(picture.image);
+}
+
+// Makes an answer durable.
+Resource kept(Store& store, const JobRecord& record, std::vector<std::string> inputs, const std::string& bytes,
+              JobContext& job) {
+  const Context context = job.context(0.95, 1);
+  context.throw_if_cancelled();
+  context.report("store", 0);
+  Resource answer;
+  answer.id = record.result_id;
+  answer.collection = answers_collection;
+  answer.request = record.request;
+  answer.inputs = std::move(inputs);
+  answer.bytes = bytes.size();
+  answer.blobs = {store.blobs.put("answers/" + record.result_id, bytes)};
+  return answer;
+}
+
 }  // namespace
 
 Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
   const api::DerivedRequest request = api::derived_from(record.request);
+  if (const auto* wanted = std::get_if<api::SliceRequest>(&request.what)) {
+    return kept(store, record, {wanted->volume}, slice(store, store.find_volume(wanted->volume), *wanted, job), job);
+  }
   const Resource resource = store.find_model(request.model);
   Context context = job.context(0, 0.1);
   context.report("load", 0);
@@ -116,19 +156,11 @@ Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
   if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
     bytes = exported(store, resource, *model, *wanted, context);
   }
-  context.throw_if_cancelled();
-  job.context(0.95, 1).report("store", 0);
-  Resource answer;
-  answer.id = record.result_id;
-  answer.collection = answers_collection;
-  answer.request = record.request;
-  answer.inputs = {request.model};
+  std::vector<std::string> inputs{request.model};
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
-    answer.inputs.push_back(render->with);
+    inputs.push_back(render->with);
   }
-  answer.bytes = bytes.size();
-  answer.blobs = {store.blobs.put("answers/" + record.result_id, bytes)};
-  return answer;
+  return kept(store, record, std::move(inputs), bytes, job);
 }
 
 }  // namespace spherule::server

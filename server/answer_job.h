@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// The job that derives an answer from a model: measures, checks, a picture, a file for other programs. Its bytes are
-// kept as they will be sent.
+// The job that derives an answer from a model (measures, checks, a picture, a file for other programs) or from a volume
+// (a slice). Its bytes are kept as they will be sent.
 #pragma once
 
 #include "server/jobs.h"

@@ -65,7 +65,7 @@ JobInfo job_info(const JobStatus& status) {
 }
 
 std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 5> kinds = {"measures", "checks", "render", "export", "contributions"};
+  constexpr std::array<const char*, 6> kinds = {"measures", "checks", "render", "export", "contributions", "slice"};
   return kinds[request.what.index()];
 }
 
@@ -293,8 +293,9 @@ RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t bu
 
 api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Seconds wait) {
   Store& s = state_->store;
-  const Resource model = s.find_model(request.model);
-  if (std::holds_alternative<api::ChecksRequest>(request.what) && model.inputs.empty()) {
+  if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) {
+    static_cast<void>(s.find_volume(slice->volume));
+  } else if (s.find_model(request.model).inputs.empty() && std::holds_alternative<api::ChecksRequest>(request.what)) {
     throw Error(ErrorCode::unusable, "Imported spheres have no scan to be checked against; ask for their measures.");
   }
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {

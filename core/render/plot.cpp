@@ -46,7 +46,7 @@ std::vector<double> ticks_of(const PlotAxis& axis, double lo, double hi, int mos
 }
 
 std::string tick_words(double value) {
-  return std::abs(value) >= 1000 && std::abs(value) < 1e9 ? with_commas(value) : label(value);
+  return value >= 1000 && value < 1e9 && value == std::floor(value) ? with_commas(value) : label(value);
 }
 
 }  // namespace
@@ -115,7 +115,8 @@ Drawing draw_plot(const Plot& plot, int width, int height) {
   double row = top - 0.5 * size;
   for (const Plot::Mark& mark : plot.marks) {
     if (!(mark.at >= plot.lo && mark.at <= plot.hi)) continue;
-    const double at = x.pixel(mark.at), half = 0.5 * text_width(mark.word, size);
+    const std::string word = mark.word.empty() ? tick_words(mark.at) : mark.word;
+    const double at = x.pixel(mark.at), half = 0.5 * text_width(word, size);
     drawing.line({at, top}, {at, bottom}, std::max(1.2, 0.14 * size), kMark);
     // Words that would meet take turns above and below.
     row = at - half < last && row < top ? top + 1.5 * size : top - 0.5 * size;

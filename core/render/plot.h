@@ -28,7 +28,7 @@ struct Plot {
   /// Numbers of x worth a line across and a word; those beyond [lo, hi] are left out.
   struct Mark {
     double at = 0;
-    std::string word;
+    std::string word{};  ///< empty: the number
   };
   std::vector<Mark> marks{};
 };

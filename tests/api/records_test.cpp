@@ -56,13 +56,20 @@ TEST(Records, OfRequestsReadBack) {
     EXPECT_EQ(again.volume, request.volume);
     EXPECT_EQ(again.rule, request.rule);
   }
+  const ObjectRule labels = request.rule;
   for (const DerivedRequest& derived : std::vector<DerivedRequest>{
            {kModel, MeasuresRequest{}},
            {kModel, ChecksRequest{}},
            {kModel, RenderRequest{{.width = 3, .height = 4, .style = Style::blobs, .views = {View::left}}}},
            {kModel, RenderRequest{.with = kImported}},
            {kModel, ExportRequest{SphereFormat::vtp}},
-           {kModel, ContributionsRequest{}}}) {
+           {kModel, ContributionsRequest{}},
+           {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
+           {{},
+            SliceRequest{.volume = kVolume,
+            .object = labels,
+            .format = FigureFormat::svg,
+            .options = {.width = 5, .window = Window{3, 4}, .show = {Overlay::circles}}}}}) {
     EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
     EXPECT_EQ(derived_from(record_of(derived)).what.index(), derived.what.index());
   }

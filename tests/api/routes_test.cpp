@@ -98,6 +98,7 @@ TEST_F(Routes, AnswerEveryGetAndHead) {
     fill("{model}", kModel);
     fill("{job}", kJob);
     fill("{format}", "ply");
+    fill("{axis}/{index}", "k/9");
     EXPECT_EQ(ask("GET", path).status, 200) << path;
     const Response head = ask("HEAD", path);
     EXPECT_EQ(head.status, 200) << path;
@@ -479,8 +480,106 @@ TEST_F(Routes, RenderAsAsked) {
   EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "text/html"}}}).status, 406);
 }
 
+TEST_F(Routes, DrawSlicesAsAsked) {
+  const std::string path = "/v1/volumes/" + kVolume + "/slices/j/7";
+  const Response plain = ask("GET", path);
+  EXPECT_EQ(plain.header("Content-Type"), "image/png");
+  EXPECT_EQ(plain.header("Vary"), "Accept");
+  auto slice = std::get<api::SliceRequest>(service.derived->what);
+  EXPECT_EQ(slice.volume, kVolume);
+  EXPECT_EQ(slice.axis, 1);
+  EXPECT_EQ(slice.index, 7);
+  EXPECT_FALSE(slice.object);
+  EXPECT_EQ(ask("GET", path + "?threshold=5&show=circles,points&width=300&window=9&level=4").status, 200);
+  slice = std::get<api::SliceRequest>(service.derived->what);
+  ASSERT_TRUE(slice.object);
+  EXPECT_EQ(slice.object->lo, 5);
+  EXPECT_EQ(slice.object->side, Side::below) << "as is natural to this volume";
+  EXPECT_EQ(slice.options.show, (std::vector<Overlay>{Overlay::points, Overlay::circles}));
+  EXPECT_EQ(slice.options.width, 300);
+  EXPECT_EQ(slice.options.window, (Window{9, 4}));
+  EXPECT_EQ(ask("GET", path + "?labels=7,-3,7&inside=below&border=open&format=svg").header("Content-Type"),
+            "image/svg+xml");
+  slice = std::get<api::SliceRequest>(service.derived->what);
+  EXPECT_EQ(slice.object->labels, (std::vector<std::int64_t>{-3, 7}));
+  EXPECT_EQ(slice.object->border, Border::open);
+}
+
+TEST_F(Routes, TellSlicesAsNumbers) {
+  const std::string path = "/v1/volumes/" + kVolume + "/slices/i/0?range=1,2";
+  const std::vector<std::pair<std::string, std::string>> json{{"Accept", "application/json"}};
+  const Response response = ask("GET", path + "&width=50", {.headers = json});
+  EXPECT_EQ(response.header("Content-Type"), "application/json");
+  EXPECT_EQ(std::get<api::SliceRequest>(service.derived->what).options, SliceOptions{}) << "are the same at any size";
+  std::string text(std::get<api::ContentPart>(response.body).length, 0);
+  std::get<api::ContentPart>(response.body).content.read_at(0, text);
+  const Json slice = Json::parse(text);
+  EXPECT_EQ(slice["axes"][0]["axis"], "j");
+  EXPECT_EQ(slice["axes"][1]["axis"], "k");
+  EXPECT_EQ(slice["boundary_points"].size(), 4U);
+  EXPECT_EQ(slice["contour"].size(), 4U);
+  EXPECT_EQ(slice["circles"].size(), slice["inside_triangles"]);
+  EXPECT_EQ(slice["object"]["range"], Json({1, 2}));
+  const std::string self = slice["links"]["self"];
+  EXPECT_EQ(self, path.substr(0, path.find('?')) + "?format=json&range=1,2&inside=above");
+  EXPECT_EQ(ask("GET", self).status, 200);
+}
+
+TEST_F(Routes, RefuseSlicesThatMakeNoSense) {
+  const std::string slices = "/v1/volumes/" + kVolume + "/slices/";
+  for (const char* nowhere : {"k/10", "k/-1", "k/x", "k/1.5", "x/0", "ij/0", "K/0"})
+    EXPECT_EQ(ask("GET", slices + nowhere).status, 404) << nowhere;
+  EXPECT_EQ(ask("GET", "/v1/volumes/vol_0/slices/k/1").status, 404);
+  const std::vector<std::pair<std::string, std::string>> wrong{{"width=0", "width "},
+                                                               {"height=8193", "height "},
+                                                               {"window=0&level=1", "window "},
+                                                               {"window=1", "level "},
+                                                               {"level=1", "window "},
+                                                               {"threshold=x", "threshold "},
+                                                               {"range=5,1", "range "},
+                                                               {"labels=", "labels "},
+                                                               {"labels=1.5", "labels "},
+                                                               {"threshold=1&labels=1", "threshold "},
+                                                               {"inside=above", "inside "},
+                                                               {"show=points", "show "},
+                                                               {"threshold=1&show=dots", "show "},
+                                                               {"threshold=1&image=false&smooth=false", "smooth "},
+                                                               {"image=false", "image "},
+                                                               {"region=3,3,3,4", "region "},
+                                                               {"region=1,2,3", "region "},
+                                                               {"zoom=2", "zoom "}};
+  for (const auto& [query, names] : wrong) EXPECT_EQ(pointers(ask("GET", slices + "k/1?" + query)), names) << query;
+  EXPECT_EQ(ask("GET", slices + "k/1?width=1001&height=1000").status, 413);
+  EXPECT_EQ(ask("GET", slices + "k/1", {.headers = {{"Accept", "image/jpeg"}}}).status, 406);
+  EXPECT_EQ(ask("GET", slices + "k/1?format=png", {.headers = {{"Accept", "image/svg+xml"}}}).status, 406);
+}
+
+TEST_F(Routes, PlotHistograms) {
+  const std::string values = "/v1/volumes/" + kVolume + "/histogram", radii = "/v1/models/" + kModel + "/histogram";
+  for (const std::string& path : {values, radii}) {
+    EXPECT_EQ(ask("GET", path).header("Content-Type"), "application/json");
+    const Response png = ask("GET", path + "?format=png&width=200&height=150");
+    EXPECT_EQ(png.header("Content-Type"), "image/png");
+    EXPECT_EQ(std::get<std::string>(png.body).substr(16, 8), std::string("\0\0\0\xc8\0\0\0\x96", 8)) << "200 x 150";
+    const Response svg = ask("GET", path, {.headers = {{"Accept", "image/svg+xml"}}});
+    EXPECT_EQ(svg.header("Content-Type"), "image/svg+xml");
+    EXPECT_EQ(std::get<std::string>(svg.body).substr(0, 4), "<svg");
+    EXPECT_EQ(pointers(ask("GET", path + "?width=300")), "width ");
+    EXPECT_EQ(pointers(ask("GET", path + "?format=png&height=99")), "height ");
+    EXPECT_EQ(ask("GET", path + "?format=png&width=1001&height=1000").status, 413);
+    EXPECT_EQ(ask("GET", path, {.headers = {{"Accept", "text/html"}}}).status, 406);
+  }
+  const std::string sizes = std::get<std::string>(ask("GET", values + "?format=svg&plot=sizes&mark=100.5").body);
+  EXPECT_NE(sizes.find("threshold"), std::string::npos);
+  EXPECT_NE(sizes.find(">100.5<"), std::string::npos);
+  EXPECT_EQ(pointers(ask("GET", values + "?plot=sizes")), "plot ");
+  EXPECT_EQ(pointers(ask("GET", values + "?mark=1")), "mark ");
+  EXPECT_EQ(pointers(ask("GET", values + "?format=png&plot=pie")), "plot ");
+}
+
 TEST_F(Routes, GiveTheJobOfAnAnswerThatIsNotDone) {
   service.finished = false;
+  EXPECT_EQ(ask("GET", "/v1/volumes/" + kVolume + "/slices/k/0").status, 202);
   for (const char* what :
        {"measures", "checks", "render", "exports/vtp", "spheres?format=ply", "spheres?order=contribution"}) {
     const Response response =

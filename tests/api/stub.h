@@ -107,6 +107,17 @@ class StubService final : public api::Service {
     }
     return m;
   }
+  // Of a slice of 3 x 3 samples with one inside.
+  static std::string slice_document(const api::SliceRequest& request) {
+    Volume slice;
+    slice.grid.dims = {3, 3, 1};
+    slice.voxels.resize(9);
+    slice.voxels[4] = std::byte{100};
+    ObjectRule rule;
+    rule.lo = 50;
+    const PlaneModel model = build_plane_model(slice, rule);
+    return api::slice_document(request, slice.grid, request.object ? &model : nullptr);
+  }
   static api::Content content(std::string bytes) {
     return {.bytes = bytes.size(),
             .sha256 = std::string(64, 'e'),
@@ -201,10 +212,12 @@ class StubService final : public api::Service {
   }
   api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override {
     obey();
-    known(request.model == kModel);
+    const auto* slice = std::get_if<api::SliceRequest>(&request.what);
+    known(slice != nullptr ? slice->volume == kVolume && request.model.empty() : request.model == kModel);
     derived = request;
     waited = wait.count();
     if (!finished) return job_info();
+    if (slice != nullptr && slice->format == api::FigureFormat::json) return content(slice_document(*slice));
     if (std::holds_alternative<api::MeasuresRequest>(request.what)) {
       return content(api::measures_document(kModel, measures()));
     }

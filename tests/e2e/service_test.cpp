@@ -344,6 +344,26 @@ TEST_F(Service, RendersPictures) {
   EXPECT_EQ(client().get(path + "?width=8192&height=8192").status, 413);
 }
 
+TEST_F(Service, DrawsSlicesAndTellsThemAsNumbers) {
+  const std::string path = "/v1/volumes/" + volume() + "/slices/k/12";
+  const std::string object = "?threshold=30&width=200&height=200&show=inside,circles";
+  const Answer picture = client().get(path + object);
+  EXPECT_EQ(picture.status, 200);
+  EXPECT_EQ(picture.body.substr(0, 8), "\x89PNG\r\n\x1a\n");
+  EXPECT_EQ(client().get(path + object).body, picture.body);
+  EXPECT_NE(client().get(path + "?width=200&height=200").body, picture.body);
+  const Answer drawing = client().get(path + object, {.headers = {{"Accept", "image/svg+xml"}}});
+  EXPECT_EQ(drawing.header("Content-Type"), "image/svg+xml");
+  EXPECT_NE(drawing.body.find("<circle"), std::string::npos);
+  const Json json = client().get(path + object + "&format=json").json();
+  EXPECT_EQ(json["circles"].size(), json["inside_triangles"]);
+  EXPECT_EQ(json["contour"].size(), json["boundary_points"].size());
+  EXPECT_EQ(json["plane"], "axial");
+  EXPECT_EQ(client().get(path + "0").status, 404);
+  EXPECT_EQ(client().get("/v1/volumes/" + volume() + "/histogram?format=svg").body.substr(0, 4), "<svg");
+  EXPECT_EQ(client().get("/v1/models/" + model() + "/histogram?format=png").header("Content-Type"), "image/png");
+}
+
 TEST_F(Service, ImportsSpheres) {
   const Answer created = client().post("/v1/models", {.body = "x,y,z,r\n0,0,0,10\n12,0,0,5\n", .type = "text/csv"});
   ASSERT_EQ(created.status, 201) << created.body;
@@ -477,6 +497,7 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
     fill("{model}", made);
     fill("/v1/jobs/{job}", (cancels ? busy : job).header("Location"));
     fill("{format}", "ply");
+    fill("{axis}/{index}", "k/9");
     Ask ask;
     if (method == "POST" && bodies.contains(pattern)) ask.body = bodies.at(pattern);
     if (pattern == "/v1/volumes" && method == "POST") path += kRaw;

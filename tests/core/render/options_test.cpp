@@ -95,5 +95,40 @@ TEST(RenderOptionTexts, WhatMakesNoSenseIsRefusedByName) {
   for (const OptionTexts& given : bad) EXPECT_EQ(pointer_of(given), given.front().first);
 }
 
+TEST(SliceOptionTexts, EveryOptionReadsBack) {
+  EXPECT_EQ(parse_slice_options({}), SliceOptions{});
+  OptionTexts given{
+      {"width", "640"},     {"height", "480"},      {"window", "400"},          {"level", "40.5"},
+      {"smooth", "false"},  {"image", "true"},      {"region", "0,-0.5,12,30"}, {"show", "circles,points,circles"},
+      {"letters", "false"}, {"scale_bar", "false"}, {"caption", "false"}};
+  const SliceOptions options = parse_slice_options(given);
+  EXPECT_EQ(options.window, (Window{400, 40.5}));
+  EXPECT_EQ(options.show, (std::vector<Overlay>{Overlay::points, Overlay::circles}));
+  given[7].second = "points,circles";
+  EXPECT_EQ(slice_option_texts(options), given);
+  EXPECT_EQ(parse_slice_options(slice_option_texts(options)), options);
+  const SliceOptions paper = parse_slice_options({{"image", "false"}});
+  EXPECT_EQ(parse_slice_options(slice_option_texts(paper)), paper);
+}
+
+TEST(SliceOptionTexts, WhatMakesNoSenseIsRefusedByName) {
+  const auto pointer = [](const OptionTexts& given) -> std::string {
+    try {
+      check_slice_options(parse_slice_options(given));
+      return "";
+    } catch (const Error& e) {
+      return e.fields().at(0).pointer;
+    }
+  };
+  EXPECT_EQ(pointer({}), "");
+  for (const std::string_view name : slice_option_names()) EXPECT_EQ(pointer({{std::string(name), "?"}}), name);
+  const std::vector<OptionTexts> bad{
+      {{"width", "0"}},        {{"height", "8193"}},  {{"window", "0"}, {"level", "5"}},
+      {{"region", "0,0,0,1"}}, {{"region", "0,0,1"}}, {{"smooth", "true"}, {"image", "false"}},
+      {{"show", ""}}};
+  for (const OptionTexts& given : bad) EXPECT_EQ(pointer(given), given.front().first);
+  EXPECT_EQ(pointer({{"level", "5"}}), "window");
+}
+
 }  // namespace
 }  // namespace spherule
