@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
+
 #include "api/documents.h"
 #include "api/handlers.h"
 #include "api/requests.h"
@@ -64,7 +66,7 @@ Response get_volume_content(const Call& call) {
 
 Response get_volume_histogram(const Call& call) {
   const Query query(call.request, {"buckets", "plot", "mark", "format", "width", "height"});
-  const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(256));
+  const auto wanted = query.integer("buckets", 1, 65536);
   const FigureFormat format = plot_format(call, query);
   const PlotSize size = plot_size(call, query);
   const auto kind = query.choice("plot", {"values", "sizes"});
@@ -74,6 +76,10 @@ Response get_volume_histogram(const Call& call) {
                 {{kind ? "plot" : "mark", "This is for a plot: format=png or svg."}});
   }
   const VolumeInfo volume = call.service.volume(call.id());
+  // A plot of few whole numbers has a bar for each: else some bars would hold two of them, or none.
+  const double values = (volume.range.max - volume.range.min) / std::abs(volume.slope) + 1;
+  const bool whole = volume.type < VoxelType::float32 && values <= 512 && format != FigureFormat::json;
+  const auto buckets = static_cast<std::size_t>(wanted.value_or(whole ? std::llround(values) : 256));
   const std::vector<std::uint64_t> counts = call.service.value_histogram(call.id(), buckets);
   if (format == FigureFormat::json) return json_response(call, value_histogram_document(volume, counts));
   const Vec3 step = volume.grid.spacing;

@@ -120,8 +120,8 @@ Drawing draw_plot(const Plot& plot, int width, int height) {
     drawing.line({at, top}, {at, bottom}, std::max(1.2, 0.14 * size), kMark);
     // Words that would meet take turns above and below.
     row = at - half < last && row < top ? top + 1.5 * size : top - 0.5 * size;
-    drawing.text({std::clamp(at, left + half, std::max(left + half, right - half)), row}, size, Anchor::middle,
-                 mark.word, kMark);
+    drawing.text({std::clamp(at, left + half, std::max(left + half, right - half)), row}, size, Anchor::middle, word,
+                 kMark);
     last = at + half + size;
   }
   drawing.text({0.5 * (left + right), height - 1.1 * size}, size, Anchor::middle, words_of(plot.x), kInk);

@@ -224,6 +224,13 @@ void draw_values(const Volume& slice, const Frame& frame, const Window& window, 
   });
 }
 
+// To three digits of the width.
+std::string window_words(const Window& window) {
+  const double step = std::pow(10.0, std::floor(std::log10(window.width)) - 2);
+  const auto words = [&](double value) { return label(std::round(value / step) * step); };
+  return "window " + words(window.width) + ", level " + words(window.level);
+}
+
 // The object, in pixels of the frame.
 class ObjectDrawing {
  public:
@@ -369,8 +376,7 @@ SlicePicture draw_slice(const Volume& slice, int axis, std::int32_t index, const
   }
   const char letter = "ijk"[axis];
   draw_notes(frame, o, size, frame.plane.name + ", " + letter + " = " + std::to_string(index),
-             o.image ? "window " + label(window.width) + ", level " + label(window.level) : std::string(),
-             picture.drawing);
+             o.image ? window_words(window) : std::string(), picture.drawing);
   return picture;
 }
 

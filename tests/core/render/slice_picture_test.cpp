@@ -156,7 +156,7 @@ TEST(SlicePicture, NotesStandAroundTheSlice) {
   const Volume slice = noise(grid_of({10, 10, 1}, {1, 1, 1}), 1, 1);
   const SlicePicture picture = draw_slice(slice, 2, 3, nullptr, {100, 50}, {});
   const std::string svg = to_svg(picture.drawing);
-  for (const char* word : {">R<", ">L<", ">A<", ">P<", ">axial, k = 3<", ">window 100, level 50<", ">1 mm<"})
+  for (const char* word : {">R<", ">L<", ">A<", ">P<", ">axial, k = 3<", ">window 100, level 50<", ">2 mm<"})
     EXPECT_NE(svg.find(word), std::string::npos) << word;
 }
 
