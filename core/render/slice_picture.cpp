@@ -171,7 +171,7 @@ class Values {
   }
   double nearest(double x, double y) const {
     if (!(x >= -0.5 && y >= -0.5 && x < nx_ - 0.5 && y < ny_ - 0.5)) return NAN;
-    return at(static_cast<int>(x + 0.5), static_cast<int>(y + 0.5));
+    return at(static_cast<int>(std::floor(x + 0.5)), static_cast<int>(std::floor(y + 0.5)));
   }
   double smooth(double x, double y) const {
     const double here = nearest(x, y);
