@@ -7,26 +7,23 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/vectors.h"
+
 namespace spherule {
 
 namespace {
 
 constexpr std::uint32_t kNone = 0xffffffffU;
 constexpr double kTwoPi = 2 * std::numbers::pi;
+// tan(π - 3): the tangent of an angle of -3.
+constexpr double kNearlyBack = 0.1425;
 
 void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
   for (int i = 0; i < 3; ++i)
     sum.rows[static_cast<std::size_t>(i)] = sum.rows[static_cast<std::size_t>(i)] + weight * a[i] * b;
 }
 
-// Where the line through two corners meets the sphere. The two faces at an edge must see the same points, so callers
-// pass its corners in the order of their numbers.
-struct Chord {
-  Vec3 first, second;
-  bool crosses = false;  // of an edge with both corners outside
-};
-
-// The corners are on different sides: the one point where the edge passes through the sphere.
+// Where an edge with one end in the ball passes through its sphere.
 Vec3 passage(Vec3 inside, Vec3 outside, double radius_squared) {
   const Vec3 d = outside - inside;
   const double a = squared_norm(d), b = dot(inside, d), c = radius_squared - squared_norm(inside);
@@ -36,18 +33,12 @@ Vec3 passage(Vec3 inside, Vec3 outside, double radius_squared) {
   return inside + std::clamp(t, 0.0, 1.0) * d;
 }
 
-// Both corners are outside: two points, or none.
-Chord chord(Vec3 from, Vec3 to, double radius_squared) {
-  const Vec3 d = to - from;
-  const double a = squared_norm(d), b = dot(from, d);
-  if (!(b < 0) || !(-b < a)) return {};
-  const double depth = radius_squared - squared_norm(cross(from, d)) / a;
-  if (!(depth > 0)) return {};
-  const double middle = -b / a, half = std::sqrt(depth / a);
-  return {.first = from + std::max(middle - half, 0.0) * d,
-          .second = from + std::min(middle + half, 1.0) * d,
-          .crosses = true};
-}
+// Edges are numbered at each end by the face that they do not touch.
+constexpr std::uint8_t after(unsigned i) { return static_cast<std::uint8_t>(i == 2 ? 0 : i + 1); }
+constexpr std::uint8_t before(unsigned i) { return static_cast<std::uint8_t>(i == 0 ? 2 : i - 1); }
+
+// Corners are worked on by eights: the compiler makes vectors of them, and no result depends on how long those are.
+constexpr std::size_t kLanes = 8;
 
 // A point of a face's plane, in coordinates about the foot of the ball's centre.
 struct Flat {
@@ -56,31 +47,56 @@ struct Flat {
 double flat_dot(Flat p, Flat q) { return p.x * q.x + p.y * q.y; }
 double flat_cross(Flat p, Flat q) { return p.x * q.y - p.y * q.x; }
 
+// Adds angles as unit complex numbers are multiplied, so that only the sum costs an arc tangent.
+class AngleSum {
+ public:
+  // The angle of (cosine, sine), or any positive multiple of them, from -π to π.
+  void add(double cosine, double sine) {
+    const double size = std::max(std::abs(cosine), std::abs(sine));
+    if (!(size > 0)) return;
+    const double c = cosine / size, s = sine / size;
+    const double product_c = c * cosine_ - s * sine_, product_s = c * sine_ + s * cosine_;
+    // Two angles on one side of the axis may have a sum on the other, beyond π.
+    const bool lower = s < 0;
+    if (lower == (sine_ < 0) && ((c < 0 && cosine_ < 0) || lower != (product_s < 0))) turns_ += lower ? -1 : 1;
+    cosine_ = product_c;
+    sine_ = product_s;
+    // Factors have lengths from 1 to √2.
+    if (std::abs(cosine_) + std::abs(sine_) > 0x1p500) cosine_ *= 0x1p-500, sine_ *= 0x1p-500;
+  }
+  void add_turn() { ++turns_; }
+  double sum() const { return kTwoPi * turns_ + std::atan2(sine_ + 0.0, cosine_); }  // -0 is on the upper side, too
+
+ private:
+  double cosine_ = 1, sine_ = 0;
+  int turns_ = 0;
+};
+
 // Outline of a convex polygon within a disk about the foot, put together from straight pieces and arcs, and the
 // integrals of 1, x and x·xᵀ over what it surrounds: sums over triangles and sectors between the foot and its pieces.
 class Outline {
  public:
-  Outline(Vec3 normal, double disk_squared) : disk_squared_(disk_squared) {
-    const Vec3 any = std::abs(normal.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
-    right_ = normalised(cross(any, normal));
-    up_ = cross(normal, right_);
+  explicit Outline(Vec3 normal) {
+    // T. Duff and others, Building an orthonormal basis, revisited (2017).
+    const double sign = std::copysign(1.0, normal.z), a = -1 / (sign + normal.z), b = normal.x * normal.y * a;
+    right_ = {1 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x};
+    up_ = {b, sign + normal.y * normal.y * a, -normal.y};
   }
 
-  void segment(Vec3 from, Vec3 to) {
-    const Flat p = flat(from), q = flat(to), both{p.x + q.x, p.y + q.y};
-    const double area = flat_cross(p, q) / 2;
-    area_ += area;
-    first_.x += area / 3 * both.x;
-    first_.y += area / 3 * both.y;
-    second_[0] += area / 12 * (p.x * p.x + q.x * q.x + both.x * both.x);
-    second_[1] += area / 12 * (p.x * p.y + q.x * q.y + both.x * both.y);
-    second_[2] += area / 12 * (p.y * p.y + q.y * q.y + both.y * both.y);
-    const Flat piece{q.x - p.x, q.y - p.y};
-    straight_squared_ = std::max(straight_squared_, flat_dot(piece, piece));
-    ++segments_;
+  Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
+  void segment(Flat p, Flat q) {
+    const double area = flat_cross(p, q);
+    const Flat both{p.x + q.x, p.y + q.y}, piece{q.x - p.x, q.y - p.y};
+    triangles_ += area;
+    triangles_first_.x += area * both.x;
+    triangles_first_.y += area * both.y;
+    triangles_second_[0] += area * (p.x * p.x + q.x * q.x + both.x * both.x);
+    triangles_second_[1] += area * (p.x * p.y + q.x * q.y + both.x * both.y);
+    triangles_second_[2] += area * (p.y * p.y + q.y * q.y + both.y * both.y);
+    longest_squared_ = std::max(longest_squared_, flat_dot(piece, piece));
+    straight_ = true;
   }
-  void enter(Vec3 where) {
-    const Flat p = flat(where);
+  void enter(Flat p) {
     if (left_) {
       arc(exit_, p);
       left_ = false;
@@ -88,359 +104,436 @@ class Outline {
       first_entry_ = p;
     }
   }
-  void leave(Vec3 where) {
-    exit_ = flat(where);
+  void leave(Flat p) {
+    exit_ = p;
     left_ = true;
   }
   // Closes an outline that has any straight piece.
   void close() {
     if (left_) arc(exit_, first_entry_);
   }
+  bool straight() const { return straight_; }
   // Whether an arc ended where it began, so that it is nothing or the whole circle. Where the circle is whole, there is
   // nearly nothing else.
-  bool may_lack_circle() const { return doubtful_ && straight_squared_ < disk_squared_ / 4; }
-  void whole_circle() { arc({}, {}, kTwoPi); }
+  bool may_lack_circle(double disk_squared) const { return doubtful_ && longest_squared_ < disk_squared / 4; }
+  void whole_circle() { angles_.add_turn(); }
 
+  // Sums up. About the foot, in the axes `right`, `up`.
+  void finish(double disk_squared) {
+    arcs_ = angles_.sum();
+    area_ = (triangles_ + disk_squared * arcs_) / 2;
+    first_.x = triangles_first_.x / 6 + disk_squared / 3 * arcs_first_.x;
+    first_.y = triangles_first_.y / 6 + disk_squared / 3 * arcs_first_.y;
+    const double weight = disk_squared / 8, isotropic = weight * disk_squared * arcs_;
+    second_[0] = triangles_second_[0] / 24 + isotropic + weight * arcs_second_[0];
+    second_[1] = triangles_second_[1] / 24 + weight * arcs_second_[1];
+    second_[2] = triangles_second_[2] / 24 + isotropic - weight * arcs_second_[0];
+  }
+  double arcs() const { return arcs_; }  // their angles together
   double area() const { return area_; }
-  Vec3 first() const { return first_.x * right_ + first_.y * up_; }  // about the foot
+  Vec3 first() const { return first_.x * right_ + first_.y * up_; }
   void add_second(Mat3& sum, double weight) const {
     add_outer(sum, weight, right_, second_[0] * right_ + second_[1] * up_);
     add_outer(sum, weight, up_, second_[1] * right_ + second_[2] * up_);
   }
-  double arcs() const { return arcs_; }  // their angles together
-  int segments() const { return segments_; }
 
  private:
-  Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
-  void arc(Flat p, Flat q) {
-    double angle = std::atan2(flat_cross(p, q), flat_dot(p, q));
-    if (std::abs(angle) < 0x1p-20) {
-      doubtful_ = true;
-    } else if (angle < 0) {
-      angle += kTwoPi;
-    }
-    arc(p, q, angle);
-  }
   // With u the unit vector to a point of the arc and v that turned by a right angle, u·uᵀ is half the identity less the
   // derivative of (u·vᵀ + v·uᵀ) / 4 by the angle.
-  void arc(Flat p, Flat q, double angle) {
-    arcs_ += angle;
-    area_ += disk_squared_ * angle / 2;
-    first_.x += disk_squared_ / 3 * (q.y - p.y);
-    first_.y -= disk_squared_ / 3 * (q.x - p.x);
-    const double weight = disk_squared_ / 8, isotropic = weight * disk_squared_ * angle;
-    const double turned = weight * (q.x * q.y - p.x * p.y);
-    second_[0] += isotropic + turned;
-    second_[1] += weight / 2 * ((p.x * p.x - p.y * p.y) - (q.x * q.x - q.y * q.y));
-    second_[2] += isotropic - turned;
+  void arc(Flat p, Flat q) {
+    const double cosine = flat_dot(p, q), sine = flat_cross(p, q);
+    angles_.add(cosine, sine);
+    if (std::abs(sine) <= 0x1p-20 * cosine) {
+      doubtful_ = true;
+    } else if (sine < 0) {
+      angles_.add_turn();
+    }
+    arcs_first_.x += q.y - p.y;
+    arcs_first_.y -= q.x - p.x;
+    arcs_second_[0] += q.x * q.y - p.x * p.y;
+    arcs_second_[1] += ((p.x * p.x - p.y * p.y) - (q.x * q.x - q.y * q.y)) / 2;
   }
 
   Vec3 right_, up_;
-  double disk_squared_;
-  double area_ = 0;
-  Flat first_;
-  std::array<double, 3> second_{};  // xx, xy, yy
-  double arcs_ = 0, straight_squared_ = 0;
+  double triangles_ = 0;  // twice their area; so on
+  Flat triangles_first_;
+  std::array<double, 3> triangles_second_{};  // xx, xy, yy
+  AngleSum angles_;
+  Flat arcs_first_;
+  std::array<double, 2> arcs_second_{};
+  double longest_squared_ = 0;
   Flat first_entry_, exit_;
-  bool left_ = false, doubtful_ = false;
-  int segments_ = 0;
+  bool straight_ = false, left_ = false, doubtful_ = false;
+  double arcs_ = 0, area_ = 0;
+  Flat first_;
+  std::array<double, 3> second_{};
 };
+
+// Heights over the plane normal · x = offset; returns the largest.
+SPHERULE_VECTORS
+double heights_over(Vec3 normal, double offset, const double* x, const double* y, const double* z, std::size_t count,
+                    double* heights) {
+  std::array<double, kLanes> highest;
+  highest.fill(-std::numeric_limits<double>::infinity());
+  for (std::size_t v = 0; v < count; v += kLanes) {
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const double height = normal.x * x[v + k] + normal.y * y[v + k] + normal.z * z[v + k] - offset;
+      heights[v + k] = height;
+      highest[k] = height > highest[k] ? height : highest[k];
+    }
+  }
+  return *std::max_element(highest.begin(), highest.end());
+}
+
+// Squared distances from a point; returns the largest.
+SPHERULE_VECTORS
+double squares_from(Vec3 point, const double* x, const double* y, const double* z, std::size_t count, double* squares) {
+  std::array<double, kLanes> farthest{};
+  for (std::size_t v = 0; v < count; v += kLanes) {
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const double dx = x[v + k] - point.x, dy = y[v + k] - point.y, dz = z[v + k] - point.z;
+      const double square = dx * dx + dy * dy + dz * dz;
+      squares[v + k] = square;
+      farthest[k] = square > farthest[k] ? square : farthest[k];
+    }
+  }
+  return *std::max_element(farthest.begin(), farthest.end());
+}
 
 }  // namespace
 
-void BallCell::start(Vec3 pivot) {
+template <std::size_t Count>
+void BallCell::start(const std::array<Vec3, Count>& positions, const std::array<Corner, Count>& corners, Vec3 pivot) {
+  corners_.assign(corners.begin(), corners.end());
+  make_room();
+  for (std::size_t v = 0; v < Count; ++v) place(v, positions[v]);
+  fill_lanes();
+  tolerance_ = 0x1p-42 * std::sqrt(squares_from({}, x_.data(), y_.data(), z_.data(), lanes(), values_.data()));
   pivot_ = pivot;
-  double farthest = 0, largest = 0;
-  alive_.clear();
-  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
-    farthest = std::max(farthest, squared_norm(corners_[v] - pivot));
-    largest = std::max(largest, squared_norm(corners_[v]));
-    alive_.push_back(v);
-  }
-  reach_ = std::sqrt(farthest);
-  tolerance_ = 0x1p-42 * std::sqrt(largest);
+  measure_reach();
+  cut_of_face_.assign(faces_.size(), kNone);
 }
 
 void BallCell::reset(const Box& part, Vec3 pivot) {
+  // Corner c is at the high ends of the axes whose bits are in c; face 2 a + e is at the end e of axis a.
+  static constexpr std::array<Corner, 8> kCorners{{{{0, 4, 2}, {1, 4, 2}},
+                                                   {{1, 2, 4}, {0, 3, 5}},
+                                                   {{0, 3, 4}, {3, 0, 6}},
+                                                   {{1, 4, 3}, {2, 7, 1}},
+                                                   {{0, 2, 5}, {5, 6, 0}},
+                                                   {{1, 5, 2}, {4, 1, 7}},
+                                                   {{0, 5, 3}, {7, 2, 4}},
+                                                   {{1, 3, 5}, {6, 5, 3}}}};
   const Vec3 size = part.max - part.min;
   const double margin = 0x1p-6 * std::max({size.x, size.y, size.z});
   const Vec3 m{margin, margin, margin};
   const std::array<Vec3, 2> ends{part.min - m, part.max + m};
-  corners_.clear();
-  for (std::size_t c = 0; c < 8; ++c) corners_.push_back({ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z});
-  loops_ = {0, 4, 6, 2, 1, 3, 7, 5, 0, 1, 5, 4, 2, 6, 7, 3, 0, 2, 3, 1, 4, 5, 7, 6};
   faces_.clear();
-  for (std::uint32_t f = 0; f < 6; ++f) {
-    const int axis = static_cast<int>(f / 2);
-    Face face{.normal = {}, .offset = f % 2 ? ends[1][axis] : -ends[0][axis], .begin = 4 * f, .end = 4 * f + 4};
-    face.normal[axis] = f % 2 ? 1 : -1;
-    faces_.push_back(face);
+  for (int axis = 0; axis < 3; ++axis) {
+    for (std::size_t end = 0; end < 2; ++end) {
+      Face face{.normal = {}, .offset = end ? ends[1][axis] : -ends[0][axis]};
+      face.normal[axis] = end ? 1 : -1;
+      faces_.push_back(face);
+    }
   }
-  start(pivot);
+  std::array<Vec3, 8> corners;
+  for (std::size_t c = 0; c < 8; ++c) corners[c] = {ends[c & 1].x, ends[c >> 1 & 1].y, ends[c >> 2].z};
+  start(corners, kCorners, pivot);
+}
+
+void BallCell::reset(const std::array<Vec3, 4>& corners, const std::array<double, 4>& outwards, Vec3 pivot) {
+  // Face i is opposite corner i, so the edge that does not touch it leads there.
+  static constexpr std::array<Triple, 4> kOthers{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+  static constexpr std::array<Corner, 4> kCorners{
+      {{kOthers[0], kOthers[0]}, {kOthers[1], kOthers[1]}, {kOthers[2], kOthers[2]}, {kOthers[3], kOthers[3]}}};
+  faces_.clear();
+  std::array<Vec3, 4> moved = corners;
+  for (std::size_t f = 0; f < 4; ++f) {
+    const auto& [i, j, k] = kOthers[f];
+    const Vec3 normal = normalised(cross(corners[k] - corners[i], corners[j] - corners[i]));
+    faces_.push_back({normal, dot(normal, corners[i]) + outwards[f]});
+    if (outwards[f] == 0) continue;
+    // The other corners move away from that opposite.
+    const double enlarged = outwards[f] / dot(normal, corners[i] - corners[f]);
+    for (const std::uint32_t v : kOthers[f]) moved[v] = moved[v] + enlarged * (corners[v] - corners[f]);
+  }
+  start(moved, kCorners, pivot);
 }
 
 void BallCell::reset(double radius) {
   // The regular tetrahedron around a slightly larger ball.
-  const double far = 1.01 * std::numbers::sqrt3 * radius, near = 1.01 * radius, n = 1 / std::numbers::sqrt3;
-  corners_ = {{far, far, far}, {far, -far, -far}, {-far, far, -far}, {-far, -far, far}};
-  loops_ = {1, 3, 2, 0, 2, 3, 0, 3, 1, 0, 1, 2};
-  faces_.clear();
-  faces_.push_back({{-n, -n, -n}, near, 0, 3});
-  faces_.push_back({{-n, n, n}, near, 3, 6});
-  faces_.push_back({{n, -n, n}, near, 6, 9});
-  faces_.push_back({{n, n, -n}, near, 9, 12});
-  start({});
+  const double far = 1.01 * std::numbers::sqrt3 * radius;
+  reset({{{far, far, far}, {far, -far, -far}, {-far, far, -far}, {-far, -far, far}}}, {}, {});
 }
 
-void BallCell::reset(const std::array<Vec3, 3>& base, Vec3 apex, double scale, Vec3 centre, Vec3 pivot) {
-  corners_.clear();
-  for (const Vec3& v : base) corners_.push_back(v - centre);
-  for (const Vec3& v : base) corners_.push_back(apex + scale * (v - apex) - centre);
-  loops_ = {0, 2, 1, 3, 4, 5, 0, 1, 4, 3, 1, 2, 5, 4, 2, 0, 3, 5};
-  const Vec3 outward = normalised(cross(base[1] - base[0], base[2] - base[0]));
-  faces_.clear();
-  faces_.push_back({-outward, -dot(outward, corners_[0]), 0, 3});
-  faces_.push_back({outward, dot(outward, corners_[3]), 3, 6});
-  for (std::uint32_t i = 0; i < 3; ++i) {
-    const Vec3 normal = normalised(cross(base[(i + 1) % 3] - base[i], base[i] - apex));
-    faces_.push_back({normal, dot(normal, corners_[i]), 6 + 4 * i, 10 + 4 * i});
-  }
-  start(pivot);
+void BallCell::make_room() {
+  if (x_.size() >= lanes()) return;
+  const std::size_t room = 2 * lanes();
+  for (std::vector<double>* values : {&x_, &y_, &z_, &values_}) values->resize(room);
+}
+
+void BallCell::fill_lanes() {
+  for (std::size_t v = corners_.size(); v < lanes(); ++v) place(v, position(0));
+}
+
+void BallCell::measure_reach() {
+  reach_ = std::sqrt(squares_from(pivot_, x_.data(), y_.data(), z_.data(), lanes(), values_.data()));
+  reach_is_tight_ = true;
 }
 
 bool BallCell::cut(Vec3 normal, double offset) {
-  heights_.resize(corners_.size());
-  double highest = -std::numeric_limits<double>::infinity(), lowest = -highest;
-  for (const std::uint32_t v : alive_) {
-    const double height = dot(normal, corners_[v]) - offset;
-    heights_[v] = height;
-    highest = std::max(highest, height);
-    lowest = std::min(lowest, height);
-  }
+  if (empty()) return false;
+  const double highest = heights_over(normal, offset, x_.data(), y_.data(), z_.data(), lanes(), values_.data());
   // Corners at a plane's height but for rounding can be above and below it by turns around a face, and then no plane
   // of that height cuts the polyhedron: a slightly higher one does.
   for (double limit = tolerance_; highest > limit; limit *= 8) {
-    if (lowest > limit) {
-      faces_.clear();
-      alive_.clear();
+    if (!find_cuts(limit)) continue;
+    if (removed_.size() == corners_.size()) {
+      corners_.clear();
       reach_ = 0;
       return false;
     }
-    if (cut_above(normal, offset, limit)) break;
+    faces_.push_back({normal, offset});
+    cut_of_face_.push_back(kNone);
+    replace_removed();
+    reach_is_tight_ = false;
+    return true;
   }
+  if (!reach_is_tight_) measure_reach();
   return true;
 }
 
-std::uint32_t BallCell::cut_edge(std::uint32_t kept, std::uint32_t removed) {
-  for (auto c = static_cast<std::uint32_t>(cuts_.size()); c-- > 0;)
-    if (cuts_[c].kept == kept && cuts_[c].removed == removed) return c;
-  const double low = heights_[kept], high = heights_[removed];
-  const double t = std::clamp(low / (low - high), 0.0, 1.0);
-  const Vec3 from = corners_[kept], to = corners_[removed];
-  corners_.push_back(from + t * (to - from));
-  cuts_.push_back({kept, removed, kNone});
-  return static_cast<std::uint32_t>(cuts_.size() - 1);
-}
-
-// False when the corners to keep do not follow each other around the face.
-bool BallCell::cut_face(std::uint32_t face, std::uint32_t first_new) {
-  const std::uint32_t old_begin = faces_[face].begin, old_end = faces_[face].end;
-  const auto begin = static_cast<std::uint32_t>(loops_.size());
-  loops_.resize(begin + (old_end - old_begin) + 2);
-  std::uint32_t* out = loops_.data() + begin;
-  std::uint32_t exit = kNone, entry = kNone, previous = loops_[old_end - 1];
-  for (std::uint32_t k = old_begin; k < old_end; ++k) {
-    const std::uint32_t corner = loops_[k];
-    if (removed_[previous] != removed_[corner]) {
-      std::uint32_t& end = removed_[corner] ? exit : entry;
-      if (end != kNone) return false;
-      end = removed_[corner] ? cut_edge(previous, corner) : cut_edge(corner, previous);
-      *out++ = first_new + end;
-    }
-    if (!removed_[corner]) *out++ = corner;
-    previous = corner;
+// False when the edges cut do not follow each other once around.
+bool BallCell::find_cuts(double limit) {
+  // No branches: which corners go is not to be predicted.
+  removed_.resize(corners_.size());
+  std::size_t count = 0;
+  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
+    removed_[count] = v;
+    count += values_[v] > limit;
   }
-  cuts_[entry].next = exit;
-  const auto end = static_cast<std::uint32_t>(out - loops_.data());
-  loops_.resize(end);
-  new_loops_.push_back({face, begin, end});
-  return true;
-}
-
-bool BallCell::cut_above(Vec3 normal, double offset, double limit) {
-  const auto first_new = static_cast<std::uint32_t>(corners_.size());
-  const std::size_t first_loop = loops_.size();
-  removed_.resize(first_new);
-  for (const std::uint32_t v : alive_) removed_[v] = heights_[v] > limit;
+  removed_.resize(count);
   cuts_.clear();
-  new_loops_.clear();
-  const auto undo = [&] {
-    corners_.resize(first_new);
-    loops_.resize(first_loop);
-    return false;
-  };
-  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
-    const Face& face = faces_[f];
-    std::uint32_t removed = 0;
-    for (std::uint32_t k = face.begin; k < face.end; ++k) removed += removed_[loops_[k]];
-    if (removed == face.end - face.begin) {
-      new_loops_.push_back({f, 0, 0});
-    } else if (removed > 0 && !cut_face(f, first_new)) {
-      return undo();
-    }
+  for (const std::uint32_t v : removed_) {
+    const Corner& corner = corners_[v];
+    for (unsigned i = 0; i < 3; ++i)
+      if (!(values_[corner.next[i]] > limit)) cuts_.push_back({v, static_cast<std::uint8_t>(i)});
   }
-  const auto begin = static_cast<std::uint32_t>(loops_.size());
-  std::uint32_t c = 0;
+  if (cuts_.empty()) return true;
+  bool once = true;
+  for (std::uint32_t c = 0; c < cuts_.size(); ++c) {
+    Cut& cut = cuts_[c];
+    const Corner& from = corners_[cut.removed];
+    cut.kept = from.next[cut.edge];
+    cut.right = from.faces[after(cut.edge)];
+    cut.left = from.faces[before(cut.edge)];
+    once = once && cut_of_face_[cut.right] == kNone;
+    cut_of_face_[cut.right] = c;
+  }
+  std::uint32_t c = 0, around = 0;
   do {
-    loops_.push_back(first_new + c);
-    c = cuts_[c].next;
-  } while (c != 0 && c != kNone && loops_.size() - begin < cuts_.size());
-  if (c != 0 || loops_.size() - begin != cuts_.size()) return undo();
-
-  for (auto loop = new_loops_.rbegin(); loop != new_loops_.rend(); ++loop) {
-    if (loop->begin == loop->end) {
-      faces_[loop->face] = faces_.back();
-      faces_.pop_back();
-    } else {
-      faces_[loop->face].begin = loop->begin;
-      faces_[loop->face].end = loop->end;
-    }
-  }
-  faces_.push_back({normal, offset, begin, static_cast<std::uint32_t>(loops_.size())});
-
-  std::size_t kept = 0;
-  double farthest = 0;
-  const auto keep = [&](std::uint32_t v) { farthest = std::max(farthest, squared_norm(corners_[v] - pivot_)); };
-  for (const std::uint32_t v : alive_) {
-    if (removed_[v]) continue;
-    alive_[kept++] = v;
-    keep(v);
-  }
-  alive_.resize(kept);
-  for (std::uint32_t v = first_new; v < corners_.size(); ++v) {
-    alive_.push_back(v);
-    keep(v);
-  }
-  reach_ = std::sqrt(farthest);
-  return true;
+    const std::uint32_t following = cut_of_face_[cuts_[c].left];
+    if (following == kNone) break;
+    cuts_[c].following = following;
+    cuts_[following].previous = c;
+    c = following;
+  } while (++around < cuts_.size() && c != 0);
+  for (const Cut& cut : cuts_) cut_of_face_[cut.right] = kNone;
+  return once && c == 0 && around == cuts_.size();
 }
 
-bool BallCell::surrounds(const Face& face, Vec3 foot, double disk_squared) const {
+void BallCell::replace_removed() {
+  const auto face = static_cast<std::uint32_t>(faces_.size() - 1);
+  const auto old = static_cast<std::uint32_t>(corners_.size()), gone = static_cast<std::uint32_t>(removed_.size());
+  // New corners take the places of removed ones, and more at the end.
+  const auto place_of = [&](std::uint32_t c) { return c < gone ? removed_[c] : old + (c - gone); };
+  for (Cut& cut : cuts_) {
+    const double low = values_[cut.kept], high = values_[cut.removed];
+    const double t = std::clamp(low / (low - high), 0.0, 1.0);
+    const Vec3 from = position(cut.kept), to = position(cut.removed);
+    cut.where = from + t * (to - from);
+    const Triple& next = corners_[cut.kept].next;
+    cut.edge = static_cast<std::uint8_t>(next[0] == cut.removed ? 0 : next[1] == cut.removed ? 1 : 2);
+  }
+  if (cuts_.size() > gone) {
+    corners_.resize(old + cuts_.size() - gone);
+    make_room();
+  }
+  for (std::uint32_t c = 0; c < cuts_.size(); ++c) {
+    const Cut& cut = cuts_[c];
+    const std::uint32_t v = place_of(c);
+    place(v, cut.where);
+    corners_[v] = {.faces = {face, cut.right, cut.left},
+                   .next = {cut.kept, place_of(cut.following), place_of(cut.previous)}};
+    corners_[cut.kept].next[cut.edge] = v;
+  }
+  // The last corners move to the places left over.
+  for (std::size_t c = gone; c-- > cuts_.size();) {
+    const std::uint32_t v = removed_[c];
+    const auto last = static_cast<std::uint32_t>(corners_.size() - 1);
+    if (v != last) {
+      place(v, position(last));
+      corners_[v] = corners_[last];
+      for (const std::uint32_t other : corners_[v].next)
+        for (std::uint32_t& next : corners_[other].next)
+          if (next == last) next = v;
+    }
+    corners_.pop_back();
+  }
+  fill_lanes();
+}
+
+template <typename Visit>
+void BallCell::walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const {
+  std::uint32_t v = start;
+  unsigned i = number_of(face, v);
+  do {
+    const std::uint32_t w = corners_[v].next[after(i)];
+    const unsigned j = number_of(face, w);
+    visit(v, w, v < w ? 3 * v + after(i) : 3 * w + before(j));
+    v = w;
+    i = j;
+  } while (v != start);
+}
+
+bool BallCell::surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const {
   double widest = 0;
   bool around = true;
-  Vec3 p = corners_[loops_[face.end - 1]];
-  for (std::uint32_t k = face.begin; k < face.end; ++k) {
-    const Vec3 q = corners_[loops_[k]], edge = q - p;
-    widest = std::max(widest, squared_norm(q - corners_[loops_[face.begin]]));
-    const double side = dot(face.normal, cross(p - foot, edge));
+  const Vec3 first = position(some_corner_[face]);
+  walk(face, some_corner_[face], [&](std::uint32_t from, std::uint32_t to, std::size_t) {
+    const Vec3 p = position(from), edge = position(to) - p;
+    widest = std::max(widest, squared_norm(p - first));
+    const double side = dot(faces_[face].normal, cross(p - foot, edge));
     around = around && (side >= 0 && side * side >= disk_squared / 4 * squared_norm(edge));
-    p = q;
-  }
+  });
   return around && widest > disk_squared;
 }
 
-BallPiece BallCell::measure(double ball_radius) const {
-  if (empty()) return {};
-  in_ball_.resize(corners_.size());
-  // Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
-  // it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
-  // much is taken off by its derivatives, up to the square of 2^-30.
-  const bool corner_on_sphere = std::ranges::any_of(alive_, [&](std::uint32_t v) {
-    return std::abs(squared_norm(corners_[v]) - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
-  });
-  const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
-  const double radius = ball_radius + growth, radius_squared = radius * radius;
-  int corners_in = 0, segments = 0, flat_parts = 0;
-  newest_.resize(corners_.size());
-  for (const std::uint32_t v : alive_) {
-    in_ball_[v] = squared_norm(corners_[v]) < radius_squared;
-    corners_in += in_ball_[v];
-    newest_[v] = kNone;
-  }
-  crossed_.clear();
-
-  double turning = 0;  // of the spherical part's outline, at its corners; each is the crossing of an edge
-  const auto crossed_by = [&](std::uint32_t low, std::uint32_t high) {
-    std::uint32_t e = newest_[low];
-    while (e != kNone && crossed_[e].high != high) e = crossed_[e].older;
-    return e;
-  };
+BallCell::Turning BallCell::cross_edges(double radius) {
+  const double radius_squared = radius * radius;
+  Turning turning;
   // The outline comes along the arc of one face and goes on along that of another: where the other's polygon enters the
   // ball. It turns by the angle between the planes' normals within the sphere's tangent plane. The angle has a sign: on
   // the spheres of grids many planes meet in one point, rounding decides the order in which the outline passes them,
   // and then only signed angles add up to the right one. None turns back, so those near -π are near π.
-  int turns = 0;
+  AngleSum angles;
   const auto turn = [&](Vec3 where, const Face& from, const Face& to) {
-    ++turns;
-    const double angle = std::atan2(dot(where, cross(from.normal, to.normal)) / radius,
-                                    dot(from.normal, to.normal) - from.offset * to.offset / radius_squared);
-    turning += angle < -3 ? angle + kTwoPi : angle;
+    ++turning.corners;
+    const double sine = dot(where, cross(from.normal, to.normal)) / radius;
+    const double cosine = dot(from.normal, to.normal) - from.offset * to.offset / radius_squared;
+    angles.add(cosine, sine);
+    if (sine < 0 && sine > kNearlyBack * cosine) angles.add_turn();
   };
-  const auto remember = [&](std::uint32_t low, std::uint32_t high, std::uint32_t face) {
-    crossed_.push_back({low, high, face, newest_[low]});
-    newest_[low] = static_cast<std::uint32_t>(crossed_.size() - 1);
-  };
+  crossings_.resize(3 * corners_.size());
+  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
+    for (unsigned i = 0; i < 3; ++i) {
+      const std::uint32_t w = corners_[v].next[i];
+      if (w < v) continue;
+      Crossing& crossing = crossings_[3 * v + i];
+      crossing.kind = Crossing::Kind::none;
+      const std::uint32_t left = corners_[v].faces[before(i)], right = corners_[v].faces[after(i)];
+      if (some_corner_[left] == kNone || some_corner_[right] == kNone) continue;
+      const Vec3 p = position(v), q = position(w);
+      if (in_ball_[v] && in_ball_[w]) {
+        crossing.kind = Crossing::Kind::whole;
+      } else if (in_ball_[v]) {
+        crossing = {Crossing::Kind::one_end, passage(p, q, radius_squared), {}};
+        turn(crossing.first, faces_[left], faces_[right]);
+      } else if (in_ball_[w]) {
+        crossing = {Crossing::Kind::one_end, passage(q, p, radius_squared), {}};
+        turn(crossing.first, faces_[right], faces_[left]);
+      } else {
+        const Vec3 d = q - p;
+        const double a = squared_norm(d), b = dot(p, d);
+        if (!(b < 0) || !(-b < a)) continue;
+        const double depth = radius_squared - squared_norm(cross(p, d)) / a;
+        if (!(depth > 0)) continue;
+        const double middle = -b / a, half = std::sqrt(depth / a);
+        crossing = {Crossing::Kind::middle, p + std::max(middle - half, 0.0) * d, p + std::min(middle + half, 1.0) * d};
+        turn(crossing.first, faces_[right], faces_[left]);
+        turn(crossing.second, faces_[left], faces_[right]);
+      }
+      ++turning.pieces;
+    }
+  }
+  turning.angle = angles.sum();
+  return turning;
+}
 
+BallPiece BallCell::measure(double ball_radius) {
+  if (empty()) return {};
+  squares_from({}, x_.data(), y_.data(), z_.data(), lanes(), values_.data());
+  // Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
+  // it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
+  // much is taken off by its derivatives, up to the square of 2^-30.
+  const bool corner_on_sphere =
+      std::any_of(values_.begin(), values_.begin() + static_cast<std::ptrdiff_t>(lanes()), [&](double square) {
+        return std::abs(square - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
+      });
+  const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
+  const double radius = ball_radius + growth, radius_squared = radius * radius;
+  int corners_in = 0;
+  bool holds_centre = true;
+  in_ball_.resize(corners_.size());
+  some_corner_.assign(faces_.size(), kNone);
+  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
+    in_ball_[v] = values_[v] < radius_squared;
+    corners_in += in_ball_[v];
+    for (const std::uint32_t face : corners_[v].faces) {
+      const double offset = faces_[face].offset;
+      holds_centre &= offset > 0;
+      // Some are too far for any of their edges to meet the ball, whatever the rounding.
+      if (std::abs(offset) <= (1 + 0x1p-40) * radius) some_corner_[face] = v;
+    }
+  }
+  const Turning turning = cross_edges(radius);
+
+  int flat_parts = 0;
   double bending = 0;  // of the outline along its arcs
   double height_areas = 0;
   Vec3 push, bent_normals, height_first;
   Mat3 height_second{{Vec3{}, Vec3{}, Vec3{}}}, normal_first{{Vec3{}, Vec3{}, Vec3{}}};
-  bool holds_centre = true;
   for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    if (some_corner_[f] == kNone) continue;
     const Face& face = faces_[f];
-    holds_centre &= face.offset > 0;
-    // Too far for any of its edges to meet the ball, whatever the rounding.
-    if (std::abs(face.offset) > (1 + 0x1p-40) * radius) continue;
     const Vec3 foot = face.offset * face.normal;
     const double disk_squared = std::max(0.0, (radius - face.offset) * (radius + face.offset));
-    Outline outline(face.normal, disk_squared);
-    std::uint32_t a = loops_[face.end - 1];
-    for (std::uint32_t k = face.begin; k < face.end; ++k) {
-      const std::uint32_t b = loops_[k];
-      const Vec3 p = corners_[a], q = corners_[b];
-      const std::uint32_t low = std::min(a, b), high = std::max(a, b);
-      if (in_ball_[a] && in_ball_[b]) {
-        outline.segment(p, q);
-      } else if (in_ball_[a]) {
-        const Vec3 x = passage(p, q, radius_squared);
-        outline.segment(p, x);
-        outline.leave(x);
-        const std::uint32_t e = crossed_by(low, high);
-        e == kNone ? remember(low, high, f) : turn(x, face, faces_[crossed_[e].face]);
-      } else if (in_ball_[b]) {
-        const Vec3 x = passage(q, p, radius_squared);
-        outline.enter(x);
-        outline.segment(x, q);
-        const std::uint32_t e = crossed_by(low, high);
-        e == kNone ? remember(low, high, f) : turn(x, faces_[crossed_[e].face], face);
-      } else {
-        const Chord both = chord(corners_[low], corners_[high], radius_squared);
-        if (both.crosses) {
-          const Vec3 in = a == low ? both.first : both.second, out = a == low ? both.second : both.first;
-          outline.enter(in);
-          outline.segment(in, out);
-          outline.leave(out);
-          const std::uint32_t e = crossed_by(low, high);
-          if (e == kNone) {
-            remember(low, high, f);
-          } else {
-            turn(in, faces_[crossed_[e].face], face);
-            turn(out, face, faces_[crossed_[e].face]);
-          }
-        }
+    Outline outline(face.normal);
+    Flat at;  // the corner that the last edge led to, if in the ball
+    bool known = false;
+    walk(f, some_corner_[f], [&](std::uint32_t from, std::uint32_t to, std::size_t edge) {
+      const Crossing& crossing = crossings_[edge];
+      if (crossing.kind == Crossing::Kind::none) return;
+      if (crossing.kind == Crossing::Kind::middle) {
+        const Flat first = outline.flat(crossing.first), second = outline.flat(crossing.second);
+        const Flat in = from < to ? first : second, out = from < to ? second : first;
+        outline.enter(in);
+        outline.segment(in, out);
+        outline.leave(out);
+        return;
       }
-      a = b;
-    }
-    if (outline.segments() > 0) {
+      Flat begin, end;
+      if (in_ball_[from]) {
+        begin = known ? at : outline.flat(position(from));
+      } else {
+        begin = outline.flat(crossing.first);
+        outline.enter(begin);
+      }
+      known = in_ball_[to];
+      end = at = outline.flat(known ? position(to) : crossing.first);
+      outline.segment(begin, end);
+      if (!known) outline.leave(end);
+    });
+    if (outline.straight()) {
       outline.close();
-      if (outline.may_lack_circle() && surrounds(face, foot, disk_squared)) outline.whole_circle();
-    } else if (disk_squared > 0 && surrounds(face, foot, disk_squared)) {
+      if (outline.may_lack_circle(disk_squared) && surrounds(f, foot, disk_squared)) outline.whole_circle();
+    } else if (disk_squared > 0 && surrounds(f, foot, disk_squared)) {
       outline.whole_circle();
     } else {
       continue;
     }
+    outline.finish(disk_squared);
     ++flat_parts;
-    segments += outline.segments();
     bending += face.offset / radius * outline.arcs();
     const double flat_area = outline.area();
     const Vec3 about_foot = outline.first(), first = flat_area * foot + about_foot;
@@ -456,9 +549,9 @@ BallPiece BallCell::measure(double ball_radius) const {
   // No flat part: the ball is within the cell or beyond it.
   if (flat_parts == 0 && !holds_centre) return {};
 
-  const int characteristic = 2 - (flat_parts - segments / 2 + corners_in);
-  BallPiece piece{.moments = {}, .area = 0, .push = {}, .characteristic = characteristic, .corners = turns};
-  const double area = radius_squared * (kTwoPi * characteristic + bending - turning);
+  const int characteristic = 2 - (flat_parts - turning.pieces + corners_in);
+  BallPiece piece{.moments = {}, .area = 0, .push = {}, .characteristic = characteristic, .corners = turning.corners};
+  const double area = radius_squared * (kTwoPi * characteristic + bending - turning.angle);
   const double volume = (height_areas + radius * area) / 3;
   piece.area = area - growth * (2 * area / radius - radius * bending);
   piece.moments.volume = volume - growth * piece.area;

@@ -31,67 +31,92 @@ class BallCell {
   /// Starts over with a box that holds `part`, some part of the ball, with a margin, so that no side of it touches it.
   void reset(const Box& part, Vec3 pivot);
 
-  /// Starts over with a frustum: what is beyond the triangle `base` as seen from `apex`, as far as the triangle
-  /// enlarged by `scale` > 1 about the apex. The corners may be relative to any origin; the ball's centre is at
-  /// `centre` there. Seen from the apex the base is clockwise.
-  void reset(const std::array<Vec3, 3>& base, Vec3 apex, double scale, Vec3 centre, Vec3 pivot);
+  /// Starts over with a tetrahedron of which each face, opposite corner i, was moved outwards by `outwards[i]` >= 0.
+  /// The first three corners are clockwise as seen from the fourth. O(1).
+  void reset(const std::array<Vec3, 4>& corners, const std::array<double, 4>& outwards, Vec3 pivot);
 
   /// Keeps the half space normal · x <= offset; `normal` of length 1. What a plane would cut off within a relative
-  /// 2^-42 of the box is left. False when nothing remains. O(corners).
+  /// 2^-42 of the polyhedron it started as is left. False when nothing remains. O(corners).
   bool cut(Vec3 normal, double offset);
 
-  bool empty() const { return faces_.empty(); }
+  bool empty() const { return corners_.empty(); }
 
-  /// The largest distance of a corner from the pivot: planes farther from it cut nothing.
+  /// No corner is farther from the pivot: planes farther from it cut nothing. Tight unless the last plane cut
+  /// something.
   double reach() const { return reach_; }
 
   /// The ball of this radius within the cell. Volume and moments by the divergence theorem over the flat faces within
   /// the ball and the spherical rest; the rest's area by the theorem of Gauss and Bonnet, with its Euler characteristic
   /// counted from the flat part (both together bound a convex body). Absolute error of the area about 2^-50 radius²;
   /// where the plane of a face nearly touches the ball, in a disk of radius d, 2^-50 radius³/d. O(corners).
-  BallPiece measure(double radius) const;
+  BallPiece measure(double radius);
 
  private:
+  using Triple = std::array<std::uint32_t, 3>;
+  // Three faces meet at a corner. Where more planes meet, up to rounding, there are several corners in one place.
+  struct Corner {
+    Triple faces;  // counter-clockwise as seen from outside
+    Triple next;   // next[i] is at the other end of the edge that does not touch faces[i]
+  };
   struct Face {
     Vec3 normal;
     double offset = 0;
-    std::uint32_t begin = 0, end = 0;  // of its corners in loops_, counter-clockwise as seen from outside
   };
+  // An edge that the cut under way shortens.
   struct Cut {
-    std::uint32_t kept, removed;  // ends of the edge that the plane cuts
-    std::uint32_t next;           // the following corner of the new face, as a cut's number
+    std::uint32_t removed;  // the end beyond the plane
+    std::uint8_t edge;      // its number there; later, at the end kept
+    std::uint32_t kept = 0;
+    std::uint32_t left = 0, right = 0;          // its faces, walking towards the end kept
+    std::uint32_t following = 0, previous = 0;  // cuts around the new face
+    Vec3 where{};
   };
-  struct CrossedEdge {
-    std::uint32_t low, high;  // its corners
-    std::uint32_t face;
-    std::uint32_t older;  // edge of the same low corner, or none
+  // The part of an edge within the ball.
+  struct Crossing {
+    enum class Kind : std::uint8_t { none, whole, one_end, middle } kind;
+    Vec3 first, second;  // where it passes the sphere; of two, in the order of the edge's ends by number
   };
-  void start(Vec3 pivot);
-  bool cut_above(Vec3 normal, double offset, double limit);
-  std::uint32_t cut_edge(std::uint32_t kept, std::uint32_t removed);
-  bool cut_face(std::uint32_t face, std::uint32_t first_new);
-  // Whether a face lies around the disk, given that it does or is far from it.
-  bool surrounds(const Face& face, Vec3 foot, double disk_squared) const;
+  struct Turning {
+    double angle = 0;             // of the spherical part's outline at its corners, where edges pass the sphere
+    int corners = 0, pieces = 0;  // of it; of edges within the ball
+  };
 
-  // Corners and loops only grow until the next reset: what a cut leaves alone stays where it is.
+  template <std::size_t Count>
+  void start(const std::array<Vec3, Count>& positions, const std::array<Corner, Count>& corners, Vec3 pivot);
+  std::size_t lanes() const { return (corners_.size() + 7) / 8 * 8; }
+  Vec3 position(std::size_t corner) const { return {x_[corner], y_[corner], z_[corner]}; }
+  void place(std::size_t corner, Vec3 at) { x_[corner] = at.x, y_[corner] = at.y, z_[corner] = at.z; }
+  void make_room();
+  void fill_lanes();
+  void measure_reach();
+  bool find_cuts(double limit);
+  void replace_removed();
+  unsigned number_of(std::uint32_t face, std::uint32_t corner) const {
+    const Triple& faces = corners_[corner].faces;
+    return faces[0] == face ? 0 : faces[1] == face ? 1 : 2;
+  }
+  // Calls visit(from, to, edge) counter-clockwise as seen from outside; `edge` is the place in crossings_.
+  template <typename Visit>
+  void walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const;
+  Turning cross_edges(double radius);
+  // Whether a face lies around the disk, given that it does or is far from it.
+  bool surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const;
+
   Vec3 pivot_;
-  std::vector<Vec3> corners_;
-  std::vector<std::uint32_t> alive_;  // the polyhedron's corners, of all that ever were
-  std::vector<Face> faces_;
-  std::vector<std::uint32_t> loops_;
+  std::vector<Corner> corners_;
+  std::vector<double> x_, y_, z_;  // of the corners; then of the first one again, to a whole number of lanes
+  std::vector<Face> faces_;        // some may have lost all their corners
   double reach_ = 0, tolerance_ = 0;
+  bool reach_is_tight_ = false;
+  std::vector<double> values_;  // of the corners: heights over a plane, or squared distances
   // Of the cut under way.
-  std::vector<double> heights_;        // of all alive corners, by number
-  std::vector<std::uint8_t> removed_;  // by number
+  std::vector<std::uint32_t> removed_;  // corners, ascending
   std::vector<Cut> cuts_;
-  struct NewLoop {
-    std::uint32_t face, begin, end;
-  };
-  std::vector<NewLoop> new_loops_;  // of the faces that lose corners, ascending; empty ones vanish
+  std::vector<std::uint32_t> cut_of_face_;  // that with the face on its right
   // Of the measurement under way.
-  mutable std::vector<CrossedEdge> crossed_;
-  mutable std::vector<std::uint32_t> newest_;
-  mutable std::vector<std::uint8_t> in_ball_;
+  std::vector<std::uint8_t> in_ball_;
+  std::vector<std::uint32_t> some_corner_;  // of a face; none without, and when it is too far to meet the ball
+  std::vector<Crossing> crossings_;         // three a corner; an edge's is at its end of lower number
 };
 
 /// The box of the part of a ball about the origin that lies beyond a plane (normal · x >= offset), for |offset| <=

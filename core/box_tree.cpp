@@ -2,7 +2,10 @@
 #include "core/box_tree.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
+
+#include "core/base/vectors.h"
 
 namespace spherule {
 
@@ -17,7 +20,57 @@ std::uint64_t spread(std::uint64_t v) {
   return (v | v << 2) & 0x1249249249249249ULL;
 }
 
+using Column = std::array<double, 8>;
+
+// How far boxes are from one, along the axis where it is most; above 0 exactly if they do not overlap.
+SPHERULE_VECTORS
+void find_gaps(const Column* low, const Column* high, const Box& box, Column& gaps) {
+  const auto larger = [](double a, double b) { return a > b ? a : b; };
+  for (std::size_t c = 0; c < gaps.size(); ++c) {
+    const double x = larger(low[0][c] - box.max.x, box.min.x - high[0][c]);
+    const double y = larger(low[1][c] - box.max.y, box.min.y - high[1][c]);
+    const double z = larger(low[2][c] - box.max.z, box.min.z - high[2][c]);
+    gaps[c] = larger(larger(x, y), z);
+  }
+}
+
 }  // namespace
+
+BoxTree::Node::Node() {
+  for (auto& column : min) column.fill(std::numeric_limits<double>::infinity());
+  for (auto& column : max) column.fill(-std::numeric_limits<double>::infinity());
+}
+
+void BoxTree::Node::set(std::size_t child, const Box& box) {
+  for (std::size_t a = 0; a < 3; ++a) {
+    min[a][child] = box.min[static_cast<int>(a)];
+    max[a][child] = box.max[static_cast<int>(a)];
+  }
+}
+
+Box BoxTree::Node::bounds() const {
+  Box box;
+  for (std::size_t a = 0; a < 3; ++a) {
+    box.min[static_cast<int>(a)] = *std::ranges::min_element(min[a]);
+    box.max[static_cast<int>(a)] = *std::ranges::max_element(max[a]);
+  }
+  return box;
+}
+
+unsigned BoxTree::overlaps(const Node& node, const Box& box) {
+  Column gaps;
+  find_gaps(node.min.data(), node.max.data(), box, gaps);
+  unsigned found = 0;
+  for (std::size_t c = 0; c < gaps.size(); ++c) found |= unsigned{gaps[c] <= 0} << c;
+  return found;
+}
+
+template <typename BoxAt>
+std::vector<BoxTree::Node> BoxTree::nodes(std::size_t count, const BoxAt& box_at) {
+  std::vector<Node> result((count + kFan - 1) / kFan);
+  for (std::size_t n = 0; n < count; ++n) result[n / kFan].set(n % kFan, box_at(n));
+  return result;
+}
 
 BoxTree::BoxTree(std::span<const Box> boxes) {
   if (boxes.empty()) return;
@@ -39,21 +92,11 @@ BoxTree::BoxTree(std::span<const Box> boxes) {
   std::sort(keys.begin(), keys.end());
 
   order_.reserve(keys.size());
-  std::vector<Box> level;
-  level.reserve(keys.size());
-  for (const auto& [key, i] : keys) {
-    order_.push_back(i);
-    level.push_back(boxes[i]);
-  }
-  levels_.push_back(std::move(level));
-  while (levels_.back().size() > kFan) {
-    const std::vector<Box>& below = levels_.back();
-    std::vector<Box> above((below.size() + kFan - 1) / kFan);
-    for (std::size_t n = 0; n < below.size(); ++n) {
-      above[n / kFan].include(below[n].min);
-      above[n / kFan].include(below[n].max);
-    }
-    levels_.push_back(std::move(above));
+  for (const auto& [key, i] : keys) order_.push_back(i);
+  levels_.push_back(nodes(order_.size(), [&](std::size_t n) { return boxes[order_[n]]; }));
+  while (levels_.back().size() > 1) {
+    const std::vector<Node>& below = levels_.back();
+    levels_.push_back(nodes(below.size(), [&](std::size_t n) { return below[n].bounds(); }));
   }
 }
 

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -32,26 +33,39 @@ class BoxTree {
   /// that order finds neighbours close together in memory.
   template <typename Visit>
   void for_each_overlap(const Box& box, Visit&& visit) const {
-    if (!levels_.empty()) descend(levels_.size() - 1, 0, levels_.back().size(), box, visit);
+    if (!levels_.empty()) descend(levels_.size() - 1, 0, box, visit);
   }
 
  private:
   static constexpr std::size_t kFan = 8;
+  // Boxes that follow each other; where there are fewer, empty ones.
+  struct Node {
+    Node();
+    void set(std::size_t child, const Box& box);
+    Box bounds() const;
+
+    std::array<std::array<double, kFan>, 3> min, max;  // by axis
+  };
+
+  template <typename BoxAt>
+  static std::vector<Node> nodes(std::size_t count, const BoxAt& box_at);
+  // Bit i: child i overlaps.
+  static unsigned overlaps(const Node& node, const Box& box);
 
   template <typename Visit>
-  void descend(std::size_t level, std::size_t begin, std::size_t end, const Box& box, Visit& visit) const {
-    for (std::size_t n = begin; n < end; ++n) {
-      if (!overlap(levels_[level][n], box)) continue;
+  void descend(std::size_t level, std::size_t n, const Box& box, Visit& visit) const {
+    for (unsigned found = overlaps(levels_[level][n], box); found != 0; found &= found - 1) {
+      const std::size_t child = n * kFan + static_cast<std::size_t>(std::countr_zero(found));
       if (level == 0) {
-        visit(n);
+        visit(child);
       } else {
-        descend(level - 1, n * kFan, std::min((n + 1) * kFan, levels_[level - 1].size()), box, visit);
+        descend(level - 1, child, box, visit);
       }
     }
   }
 
   std::vector<std::uint32_t> order_;
-  std::vector<std::vector<Box>> levels_;  // levels_[0][i] is the box order_[i]
+  std::vector<std::vector<Node>> levels_;  // of the boxes in that order; of the nodes below; so on, up to one node
 };
 
 }  // namespace spherule

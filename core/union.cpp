@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Why the caps are all of a raw union beyond its inside cells. Let x be in the ball of inside cell s, and walk straight
-// from a point of s to x. Across each facet that the walk passes, the next cell's ball has the lower power from there
-// on, so powers at x fall along the cells passed.
+// Why a raw union is its inside cells and caps: the parts of their balls beyond their boundary facets. Let x be in the
+// ball of inside cell s, and walk straight from a point of s to x. Across each facet that the walk passes, the next
+// cell's ball has the lower power from there on, so powers at x fall along the cells passed.
 //  - x in no inside cell: the last inside cell before x holds x in its ball, and x is beyond the boundary facet through
 //    which the walk left it: a cap. Where caps overlap, the ball of least power has x.
 //  - x in an inside cell: x is counted there. A cap over the facet f of cell s must not count it again. If the walk
-//  from
-//    s to x leaves s through a facet to another inside cell, x is beyond that facet's plane, and caps end there. Else
-//    it leaves the solid and enters it again through a boundary facet of some cell t, whose ball has the lower power at
-//    x: caps end at the planes of equal power with all balls whose caps they meet, and the cap of t's facet holds the
+//  from s
+//    to x leaves s through a facet to another inside cell, x is beyond that facet's plane, and caps end there. Else it
+//    leaves the solid and enters it again through a boundary facet of some cell t, whose ball has the lower power at x:
+//    caps end at the planes of equal power with all balls whose caps they meet, and the cap of t's facet holds the
 //    facet.
+// So a ball's part is its own within the planes of its cell's inner facets and those of equal power with all balls
+// whose caps meet one of its own.
 #include "core/union.h"
 
 #include <algorithm>
@@ -36,63 +38,78 @@ constexpr double kTangent = 1 - 0x1p-40;
 
 // A ball as seen from the centre of another, which has the lower power where normal · x <= offset.
 struct Rival {
-  double offset;
-  std::uint32_t ball;
   Vec3 normal;
+  double offset;
   double height;  // of the plane over the pivot
+  std::uint32_t number;
 };
 
-// Adds `other` if it bounds the cell of `ball`; true if it hides the ball. Of balls with one centre the larger counts,
-// of identical ones that with the lower number.
-bool add_rival(const Sphere& ball, const Sphere& other, std::uint32_t number, std::uint32_t other_number,
-               std::vector<Rival>& rivals) {
-  const Vec3 d = other.centre - ball.centre;
-  const double distance = norm(d);
-  const double larger = (ball.radius - other.radius) * (ball.radius + other.radius);
-  if (!(distance > 0)) return larger < 0 || (larger == 0 && other_number < number);
-  const double offset = (distance + larger / distance) / 2;
-  if (offset <= -kTangent * ball.radius) return true;
-  if (offset < kTangent * ball.radius)
-    rivals.push_back({.offset = offset, .ball = other_number, .normal = (1 / distance) * d, .height = 0});
-  return false;
-}
+// Many balls, each with a box around the part of it that may count and a number.
+class Crowd {
+ public:
+  struct Member {
+    Sphere ball;
+    std::uint32_t number;
+  };
+
+  Crowd(std::span<const Member> members, std::span<const Box> boxes) : tree_(boxes) {
+    members_.reserve(members.size());
+    for (const std::uint32_t m : tree_.order()) members_.push_back(members[m]);
+  }
+
+  // Neighbours in space follow each other.
+  const Member& operator[](std::size_t n) const { return members_[n]; }
+  std::size_t place_of(std::size_t n) const { return tree_.order()[n]; }
+
+  // The balls that bound the cell of ball n, the planes nearest to the pivot first: when the cell is cut by these, most
+  // others lie beyond what is left. False if one hides it: of balls with one centre the larger counts, of identical
+  // ones that with the lower number.
+  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, std::vector<Rival>& rivals) const {
+    rivals.clear();
+    const Sphere& ball = members_[n].ball;
+    bool hidden = false;
+    tree_.for_each_overlap(box, [&](std::size_t o) {
+      const auto& [other, number] = members_[o];
+      const Vec3 d = other.centre - ball.centre;
+      const double squared = squared_norm(d), reach = ball.radius + other.radius;
+      if (squared >= reach * reach || o == n) return;
+      const double larger = (ball.radius - other.radius) * reach;
+      if (!(squared > 0)) {
+        hidden |= larger < 0 || (larger == 0 && number < members_[n].number);
+        return;
+      }
+      const double inverse = 1 / std::sqrt(squared), offset = (squared + larger) * inverse / 2;
+      const Vec3 normal = inverse * d;
+      hidden |= offset <= -kTangent * ball.radius;
+      if (offset < kTangent * ball.radius)
+        rivals.push_back({.normal = normal, .offset = offset, .height = offset - dot(normal, pivot), .number = number});
+    });
+    if (hidden) return false;
+    std::sort(rivals.begin(), rivals.end(), [](const Rival& a, const Rival& b) {
+      return a.height != b.height ? a.height < b.height : a.number < b.number;
+    });
+    return true;
+  }
+
+ private:
+  BoxTree tree_;
+  std::vector<Member> members_;
+};
 
 // One thread's memory.
 struct Workshop {
   BallCell cell;
   std::vector<Rival> rivals;
-  std::vector<std::size_t> nearby;
+
+  // False when nothing remains.
+  bool cut() {
+    for (const Rival& rival : rivals) {
+      if (rival.height >= cell.reach()) break;
+      if (!cell.cut(rival.normal, rival.offset)) return false;
+    }
+    return true;
+  }
 };
-
-// Neighbours in the tree's order ask it together.
-constexpr std::size_t kTogether = 8;
-
-// Places in the tree's order, as `boxes` are, whose boxes overlap the box of all at [begin, end).
-void find_nearby(const BoxTree& tree, std::span<const Box> boxes, std::size_t begin, std::size_t end,
-                 std::vector<std::size_t>& nearby) {
-  Box together;
-  for (std::size_t n = begin; n < end; ++n) {
-    together.include(boxes[n].min);
-    together.include(boxes[n].max);
-  }
-  nearby.clear();
-  tree.for_each_overlap(together, [&](std::size_t place) { nearby.push_back(place); });
-}
-
-// Cuts by the planes nearest to the pivot, a point of the cell, first: most others then lie beyond what is left.
-bool cut_by_rivals(Workshop& shop, Vec3 pivot) {
-  for (Rival& rival : shop.rivals) rival.height = rival.offset - dot(rival.normal, pivot);
-  std::sort(shop.rivals.begin(), shop.rivals.end(), [](const Rival& a, const Rival& b) {
-    return a.height != b.height ? a.height < b.height : a.ball < b.ball;
-  });
-  std::uint32_t previous = no_cell;
-  for (const Rival& rival : shop.rivals) {
-    if (rival.height >= shop.cell.reach()) break;
-    // A ball with several caps is met at each.
-    if (rival.ball != std::exchange(previous, rival.ball) && !shop.cell.cut(rival.normal, rival.offset)) return false;
-  }
-  return true;
-}
 
 Box box_of(const Sphere& s) {
   Box box;
@@ -101,6 +118,10 @@ Box box_of(const Sphere& s) {
 }
 
 Box moved(const Box& box, Vec3 by) { return {box.min + by, box.max + by}; }
+
+void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
+  for (std::size_t i = 0; i < 3; ++i) sum.rows[i] = sum.rows[i] + weight * a[static_cast<int>(i)] * b;
+}
 
 Vec3 middle(const Box& box) { return 0.5 * (box.min + box.max); }
 
@@ -140,8 +161,7 @@ class RawUnion {
     result.parts.resize(cells_.size());
     measure_cells(result);
     group_cells();
-    collect_caps();
-    add_caps(result);
+    add_balls(collect_balls(), result);
     to_patient(result);
     return result;
   }
@@ -156,11 +176,6 @@ class RawUnion {
     double offset_from(Vec3 centre) const { return dot(normal, corners[0] - centre); }
     Vec3 middle() const { return (1.0 / 3) * (corners[0] + corners[1] + corners[2]); }
   };
-  // What a group's ball has beyond one of its boundary facets.
-  struct Cap {
-    Sphere ball;
-    std::uint32_t cell, facet, group;
-  };
 
   // Exact but for the normal, whose cross product is exact too: differences have 25 bits.
   Facet facet(std::uint32_t cell, std::size_t opposite) const {
@@ -172,14 +187,22 @@ class RawUnion {
     f.normal = normalised(cross(f.corners[1] - f.corners[0], f.corners[2] - f.corners[0]));
     return f;
   }
-  bool coplanar(std::uint32_t cell, std::size_t opposite, std::uint32_t other, std::size_t other_opposite) const {
-    const Tetrahedron &t = cells_[cell], &u = cells_[other];
-    for (std::size_t v = 1; v < 4; ++v) {
-      if (exact::orientation(points_[t[(opposite + 1) % 4]], points_[t[(opposite + 2) % 4]],
-                             points_[t[(opposite + 3) % 4]], points_[u[(other_opposite + v) % 4]]) != 0)
-        return false;
+  double cell_volume(std::uint32_t cell) const {
+    const auto& [i, j, k, l] = cells_[cell];
+    return static_cast<double>(exact::six_volumes(points_[i], points_[j], points_[k], points_[l])) / 6;
+  }
+  // About an origin.
+  void take_cell_off(std::uint32_t cell, Vec3 origin, Moments& moments) const {
+    const double volume = cell_volume(cell);
+    Vec3 sum;
+    for (const std::uint32_t v : cells_[cell]) sum = sum + (to_vec3(points_[v]) - origin);
+    moments.volume -= volume;
+    moments.first = moments.first - volume / 4 * sum;
+    add_outer(moments.second, -volume / 20, sum, sum);
+    for (const std::uint32_t v : cells_[cell]) {
+      const Vec3 corner = to_vec3(points_[v]) - origin;
+      add_outer(moments.second, -volume / 20, corner, corner);
     }
-    return true;
   }
   bool on_boundary(std::uint32_t cell) const {
     return std::ranges::find(across_[cell], no_cell) != across_[cell].end();
@@ -187,17 +210,13 @@ class RawUnion {
 
   void measure_cells(UnionMeasures& result) {
     parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t c = begin; c < end; ++c) {
-        const auto& [i, j, k, l] = cells_[c];
-        result.parts[c].volume_mm3 =
-            static_cast<double>(exact::six_volumes(points_[i], points_[j], points_[k], points_[l])) / 6;
-      }
+      for (std::size_t c = begin; c < end; ++c) result.parts[c].volume_mm3 = cell_volume(static_cast<std::uint32_t>(c));
     });
   }
 
   // Cells that share a sphere (the rule on a grid) are one ball over a polytope: between them is no plane of equal
   // power that could be computed. So are cells whose balls differ by less than 2^-27 radii, where it could not be well
-  // enough; taking one for the other moves a cap by that.
+  // enough; taking one for the other moves the surface by that.
   void group_cells() {
     group_.assign(cells_.size(), no_cell);
     std::vector<std::uint32_t> reached;
@@ -221,6 +240,10 @@ class RawUnion {
     std::sort(members_.begin(), members_.end());
   }
 
+  bool is_alone(std::uint32_t group) const {
+    const auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
+    return m == members_.end() || m->first != group;
+  }
   // Calls visit(cell) for the cells of a group, ascending.
   template <typename Visit>
   void for_each_member(std::uint32_t group, Visit&& visit) const {
@@ -229,105 +252,109 @@ class RawUnion {
     for (; m != members_.end() && m->first == group; ++m) visit(m->second);
   }
 
-  void collect_caps() {
-    auto pieces = one_a_piece<std::pair<std::vector<Cap>, std::vector<Box>>>(cells_.size());
+  // One of each group that reaches beyond a boundary facet, the box of what it has there, and the middle of the facets.
+  struct Balls {
+    std::vector<Crowd::Member> balls;
+    std::vector<Box> boxes;
+    std::vector<Vec3> pivots;
+
+    void append(const Balls& more) {
+      balls.insert(balls.end(), more.balls.begin(), more.balls.end());
+      boxes.insert(boxes.end(), more.boxes.begin(), more.boxes.end());
+      pivots.insert(pivots.end(), more.pivots.begin(), more.pivots.end());
+    }
+  };
+  Balls collect_balls() const {
+    auto pieces = one_a_piece<Balls>(cells_.size());
     parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      auto& [caps, boxes] = pieces[begin / kGrain];
+      Balls& piece = pieces[begin / kGrain];
       for (auto c = static_cast<std::uint32_t>(begin); c < end; ++c) {
-        if (!on_boundary(c)) continue;
-        const auto& [i, j, k, l] = cells_[group_[c]];
+        if (group_[c] != c) continue;
+        const auto& [i, j, k, l] = cells_[c];
         const Sphere ball = circumsphere({points_[i], points_[j], points_[k], points_[l]});
-        for (std::uint32_t v = 0; v < 4; ++v) {
-          if (across_[c][v] != no_cell) continue;
-          const Facet f = facet(c, v);
-          const double offset = f.offset_from(ball.centre);
-          if (offset >= kTangent * ball.radius) continue;
-          caps.push_back({ball, c, v, group_[c]});
-          boxes.push_back(moved(cap_box(ball.radius, f.normal, std::max(offset, -ball.radius)), ball.centre));
-        }
+        Box box;
+        Vec3 middles;
+        int facets = 0;
+        for_each_member(c, [&](std::uint32_t member) {
+          for (std::uint32_t v = 0; v < 4; ++v) {
+            if (across_[member][v] != no_cell) continue;
+            const Facet f = facet(member, v);
+            const double offset = f.offset_from(ball.centre);
+            if (offset >= kTangent * ball.radius) continue;
+            const Box beyond = moved(cap_box(ball.radius, f.normal, std::max(offset, -ball.radius)), ball.centre);
+            box.include(beyond.min);
+            box.include(beyond.max);
+            middles = middles + f.middle();
+            ++facets;
+          }
+        });
+        if (facets == 0) continue;
+        piece.balls.push_back({ball, c});
+        piece.boxes.push_back(box);
+        piece.pivots.push_back((1.0 / facets) * middles);
       }
     });
-    for (auto& [caps, boxes] : pieces) {
-      caps_.insert(caps_.end(), caps.begin(), caps.end());
-      boxes_.insert(boxes_.end(), boxes.begin(), boxes.end());
-      caps = {};
-      boxes = {};
-    }
+    Balls all;
+    for (Balls& piece : pieces) all.append(std::exchange(piece, {}));
+    return all;
   }
 
-  // The cap's ball beyond its facet, but not beyond the group's other facets: inner ones end the ball's cell, and what
-  // is beyond two outer ones is the first one's. False when nothing remains.
-  bool start_cell(const Cap& cap, const Box& box, const Facet& base, BallCell& cell) const {
-    const Sphere& ball = cap.ball;
-    const Vec3 pivot = base.middle() - ball.centre;
-    if (is_alone(cap)) {
-      const double height = dot(base.normal, base.corners[0] - base.apex);
-      const double top = 1.001 * ball.radius - base.offset_from(ball.centre);
-      // Of flatter cells the frustum's far corners are too far away for the tolerance of cuts.
-      if (top < 32 * height) {
-        cell.reset(base.corners, base.apex, 1 + top / height, ball.centre, pivot);
-        return true;
+  // What the group's neighbours within the solid leave of the space around the part of its ball that counts.
+  void start_cell(const Sphere& ball, std::uint32_t group, const Box& box, Vec3 pivot, BallCell& cell) const {
+    const Vec3 centre = ball.centre;
+    if (is_alone(group)) {
+      // A cell's second and first corner, third and fourth: clockwise.
+      static constexpr std::array<std::uint8_t, 4> kOrder{1, 0, 2, 3};
+      std::array<Vec3, 4> corners;
+      std::array<double, 4> outwards{};
+      double enlarged = 1;
+      for (std::size_t v = 0; v < 4; ++v) {
+        const std::size_t corner = kOrder[v];
+        corners[v] = to_vec3(points_[cells_[group][corner]]) - centre;
+        if (across_[group][corner] != no_cell) continue;
+        const Facet f = facet(group, corner);
+        outwards[v] = std::max(0.0, 1.001 * ball.radius - f.offset_from(centre));
+        enlarged += outwards[v] / dot(f.normal, f.corners[0] - f.apex);
       }
+      // Of flatter cells the enlarged one's corners are too far away for the tolerance of cuts.
+      if (enlarged < 32) return cell.reset(corners, outwards, pivot);
     }
-    cell.reset(moved(box, -ball.centre), pivot);
-    bool some = cell.cut(-base.normal, -base.offset_from(ball.centre));
-    for_each_member(cap.group, [&](std::uint32_t member) {
-      for (std::uint32_t i = 0; i < 4 && some; ++i) {
+    Box all = box;
+    for_each_member(group, [&](std::uint32_t member) {
+      for (const std::uint32_t v : cells_[member]) all.include(to_vec3(points_[v]));
+    });
+    cell.reset(moved(all, -centre), pivot);
+    for_each_member(group, [&](std::uint32_t member) {
+      for (std::uint32_t i = 0; i < 4; ++i) {
         const std::uint32_t other = across_[member][i];
-        if (other == no_cell ? std::pair{member, i} >= std::pair{cap.cell, cap.facet} : group_[other] == cap.group)
-          continue;
+        if (other == no_cell || group_[other] == group) continue;
         const Facet f = facet(member, i);
-        some = !(other == no_cell && coplanar(cap.cell, cap.facet, member, i)) &&
-               cell.cut(f.normal, f.offset_from(ball.centre));
+        cell.cut(f.normal, f.offset_from(centre));
       }
     });
-    return some;
-  }
-  // Whether the cell has no other boundary facet and its ball no other cell.
-  bool is_alone(const Cap& cap) const {
-    const auto& across = across_[cap.cell];
-    return std::ranges::count(across, no_cell) == 1 &&
-           std::ranges::none_of(across, [&](std::uint32_t o) { return o != no_cell && group_[o] == cap.group; });
   }
 
-  void add_caps(UnionMeasures& result) {
-    const BoxTree tree(boxes_);
-    std::vector<Cap> caps(caps_.size());
-    std::vector<Box> boxes(caps_.size());
-    for (std::size_t n = 0; n < caps.size(); ++n) {
-      caps[n] = caps_[tree.order()[n]];
-      boxes[n] = boxes_[tree.order()[n]];
-    }
-    std::vector<BallPart> parts(caps.size());
-    auto pieces = one_a_piece<Moments>(caps.size());
-    parallel_for(context_, "union", caps.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  void add_balls(const Balls& all, UnionMeasures& result) const {
+    const Crowd crowd(all.balls, all.boxes);
+    auto pieces = one_a_piece<Moments>(all.balls.size());
+    parallel_for(context_, "union", all.balls.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       Workshop shop;
       for (std::size_t n = begin; n < end; ++n) {
-        if (n % kTogether == 0) find_nearby(tree, boxes, n, std::min(end, n + kTogether), shop.nearby);
-        const Cap& cap = caps[n];
-        const Sphere& ball = cap.ball;
-        const Box& box = boxes[n];
-        const Facet base = facet(cap.cell, cap.facet);
-        if (!start_cell(cap, box, base, shop.cell)) continue;
-        shop.rivals.clear();
-        bool hidden = false;
-        for (const std::size_t o : shop.nearby) {
-          const Cap& other = caps[o];
-          if (other.group == cap.group || !overlap(box, boxes[o])) continue;
-          hidden |= add_rival(ball, other.ball, cap.group, other.group, shop.rivals);
-        }
-        if (hidden || !cut_by_rivals(shop, base.middle() - ball.centre)) continue;
+        const auto& [ball, group] = crowd[n];
+        const std::size_t place = crowd.place_of(n);
+        const Box& box = all.boxes[place];
+        const Vec3 pivot = all.pivots[place] - ball.centre;
+        if (!crowd.find_rivals(n, box, pivot, shop.rivals)) continue;
+        start_cell(ball, group, box, pivot, shop.cell);
+        if (!shop.cut()) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
-        parts[n] = {piece.moments.volume, piece.area, piece.push};
-        pieces[begin / kGrain] += translated(piece.moments, ball.centre - kMiddle);
+        Moments beyond = piece.moments;
+        for_each_member(group, [&](std::uint32_t member) { take_cell_off(member, ball.centre, beyond); });
+        BallPart& part = result.parts[group];
+        part = {part.volume_mm3 + beyond.volume, piece.area, piece.push};
+        pieces[begin / kGrain] += translated(beyond, ball.centre - kMiddle);
       }
     });
-    for (std::size_t n = 0; n < caps.size(); ++n) {
-      BallPart& part = result.parts[caps[n].cell];
-      part.volume_mm3 += parts[n].volume_mm3;
-      part.area_mm2 += parts[n].area_mm2;
-      part.push_mm2 = part.push_mm2 + parts[n].push_mm2;
-    }
     result.moments = sum(pieces);
   }
 
@@ -353,10 +380,8 @@ class RawUnion {
   std::span<const Sphere> spheres_;  // in mm
   const Context& context_;
   std::vector<std::array<std::uint32_t, 4>> across_;  // among the inside cells alone
-  std::vector<std::uint32_t> group_;                  // a cell of the same ball, for cells of a ball with caps
+  std::vector<std::uint32_t> group_;  // a cell of the same ball, for cells of a ball that may reach beyond the solid
   std::vector<std::pair<std::uint32_t, std::uint32_t>> members_;  // group and cell, for groups of several
-  std::vector<Cap> caps_;
-  std::vector<Box> boxes_;  // of the caps
 };
 
 }  // namespace
@@ -364,43 +389,28 @@ class RawUnion {
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context) {
   UnionMeasures result;
   result.parts.resize(balls.size());
+  std::vector<Crowd::Member> members;  // points have no part, and bound none
   std::vector<Box> boxes;
-  std::vector<std::uint32_t> solid_balls;  // points have no part, and bound none
   Box all;
   for (std::uint32_t i = 0; i < balls.size(); ++i) {
     if (!(balls[i].radius > 0)) continue;
-    solid_balls.push_back(i);
+    members.push_back({balls[i], i});
     boxes.push_back(box_of(balls[i]));
     all.include(balls[i]);
   }
-  if (solid_balls.empty()) return result;
+  if (members.empty()) return result;
   const Vec3 origin = middle(all);
-  const BoxTree tree(boxes);
-  std::vector<Sphere> sorted(solid_balls.size());
-  std::vector<Box> sorted_boxes(solid_balls.size());
-  for (std::size_t n = 0; n < sorted.size(); ++n) {
-    sorted[n] = balls[solid_balls[tree.order()[n]]];
-    sorted_boxes[n] = boxes[tree.order()[n]];
-  }
-  auto pieces = one_a_piece<Moments>(sorted.size());
-  parallel_for(context, "union", sorted.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  const Crowd crowd(members, boxes);
+  auto pieces = one_a_piece<Moments>(members.size());
+  parallel_for(context, "union", members.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     Workshop shop;
     for (std::size_t n = begin; n < end; ++n) {
-      if (n % kTogether == 0) find_nearby(tree, sorted_boxes, n, std::min(end, n + kTogether), shop.nearby);
-      const Sphere& ball = sorted[n];
-      const std::uint32_t i = solid_balls[tree.order()[n]];
-      shop.rivals.clear();
-      bool hidden = false;
-      for (const std::size_t o : shop.nearby) {
-        const double reach = ball.radius + sorted[o].radius;
-        if (o == n || squared_norm(sorted[o].centre - ball.centre) >= reach * reach) continue;
-        hidden |= add_rival(ball, sorted[o], i, solid_balls[tree.order()[o]], shop.rivals);
-      }
-      if (hidden) continue;
+      const auto& [ball, number] = crowd[n];
+      if (!crowd.find_rivals(n, box_of(ball), {}, shop.rivals)) continue;
       shop.cell.reset(ball.radius);
-      if (!cut_by_rivals(shop, {})) continue;
+      if (!shop.cut()) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
-      result.parts[i] = {piece.moments.volume, piece.area, piece.push};
+      result.parts[number] = {piece.moments.volume, piece.area, piece.push};
       pieces[begin / kGrain] += translated(piece.moments, ball.centre - origin);
     }
   });

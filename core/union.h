@@ -39,10 +39,11 @@ struct UnionMeasures {
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context = {});
 
 /// The union of a raw model's balls. The power diagram of all circumspheres is the tetrahedralization itself, so the
-/// union is the inside tetrahedra and, beyond each of their boundary facets, a part of one ball: only these caps are
-/// computed. A part is its cell's tetrahedron plus its caps. Relative error of volume and area below 1e-9: balls that
-/// differ by less than 2^-27 of their radius count as one. Expected O(cells); about 250 bytes a boundary facet and 60
-/// an inside cell. Precondition: model.solid. Reports stage "union".
+/// union is the inside tetrahedra and what balls have beyond their boundary facets: only the cells of these balls are
+/// computed, each from its tetrahedron and the other balls that reach beyond the solid near it. A part is its cell's
+/// tetrahedron and what its ball has beyond; of cells that share a ball, the first one has that. Relative error of
+/// volume and area below 1e-9: balls that differ by less than 2^-27 of their radius count as one. Expected O(cells);
+/// memory about 60 bytes an inside cell and 350 a ball beyond. Precondition: model.solid. Reports stage "union".
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context = {});
 
 /// measure_raw_union for a model with a solid, measure_union for any other.

@@ -94,6 +94,68 @@ TEST(BallCell, PlanesThatMeetOnTheSphere) {
   EXPECT_NEAR(again.area, pyramid.area, 1e-10);
 }
 
+// However the cell starts, its planes alone count.
+TEST(BallCell, StartsAsTetrahedronOrBox) {
+  const std::array<Vec3, 4> corners{{{0.2, -0.1, -0.3}, {0.1, 0.5, -0.2}, {0.6, 0.1, -0.1}, {0.2, 0.1, 0.4}}};
+  const std::array<double, 4> outwards{0, 0.3, 0, 0.2};
+  const std::array<std::array<std::size_t, 3>, 4> faces{{{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}}};
+  std::vector<Plane> planes;
+  Box box;
+  for (std::size_t f = 0; f < 4; ++f) {
+    const Vec3 a = corners[faces[f][0]], b = corners[faces[f][1]], c = corners[faces[f][2]];
+    const Vec3 normal = normalised(cross(b - a, c - a));
+    planes.push_back({normal, dot(normal, a) + outwards[f]});
+    ASSERT_LT(dot(normal, corners[f]), planes.back().offset) << "face " << f << " is seen from outside";
+  }
+  box.include(Vec3{-1, -1, -1});
+  box.include(Vec3{1, 1, 1});
+  const BallPiece expected = measure(0.7, planes);
+  ASSERT_GT(expected.moments.volume, 0.01);
+  BallCell tetrahedron, cut_box;
+  tetrahedron.reset(corners, outwards, {0.2, 0.1, 0});
+  cut_box.reset(box, {});
+  for (const Plane& p : planes) ASSERT_TRUE(cut_box.cut(p.normal, p.offset));
+  for (BallCell* cell : {&tetrahedron, &cut_box}) {
+    const BallPiece piece = cell->measure(0.7);
+    EXPECT_NEAR(piece.moments.volume, expected.moments.volume, 1e-14);
+    EXPECT_NEAR(piece.area, expected.area, 1e-14);
+    EXPECT_EQ(piece.corners, expected.corners);
+    EXPECT_EQ(piece.characteristic, expected.characteristic);
+  }
+}
+
+TEST(BallCell, ManyCutsInAnyOrderLeaveTheSame) {
+  // A polyhedron of 200 sides around the ball of radius 0.9, whose corners are all out of the unit ball or in it, by
+  // turns; planes that come first lose most of their corners to later ones.
+  phantoms::Random random(11);
+  std::vector<Plane> planes;
+  for (int i = 0; i < 200; ++i) {
+    const Vec3 v{2 * random.unit() - 1, 2 * random.unit() - 1, 2 * random.unit() - 1};
+    if (squared_norm(v) < 0.01) continue;
+    planes.push_back({normalised(v), 0.9});
+  }
+  const BallPiece piece = measure(1, planes);
+  std::ranges::reverse(planes);
+  const BallPiece again = measure(1, planes);
+  std::ranges::sort(planes, {}, [](const Plane& p) { return p.normal.x; });
+  const BallPiece swept = measure(1, planes);
+  for (const BallPiece& other : {again, swept}) {
+    EXPECT_NEAR(other.moments.volume, piece.moments.volume, 1e-13);
+    EXPECT_NEAR(other.area, piece.area, 1e-12);
+    EXPECT_EQ(other.characteristic, piece.characteristic);
+    EXPECT_EQ(other.corners, piece.corners);
+  }
+  // Beyond the reach nothing is cut.
+  BallCell cell;
+  cell.reset(1);
+  for (const Plane& p : planes) ASSERT_TRUE(cell.cut(p.normal, p.offset));
+  ASSERT_TRUE(cell.cut({0, 0, 1}, 50));
+  EXPECT_LT(cell.reach(), 2);
+  EXPECT_FALSE(cell.cut({0, 0, 1}, -50));
+  EXPECT_TRUE(cell.empty());
+  EXPECT_EQ(cell.measure(1).moments.volume, 0);
+}
+
 TEST(BallCell, AgreesWithSampling) {
   phantoms::Random random(7);
   const auto direction = [&] {
