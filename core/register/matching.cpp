@@ -56,10 +56,10 @@ std::vector<SpherePair> match_spheres(const Shape& fixed, const Shape& moving, c
 std::vector<PointPair> point_pairs(const Shape& fixed, const Shape& moving, std::span<const SpherePair> pairs) {
   std::vector<PointPair> points;
   for (const SpherePair& p : pairs) {
-    const double share =
-        (fixed.masses[p.fixed] / fixed.volume_mm3) * (moving.masses[p.moving] / moving.volume_mm3);
-    points.push_back(
-        {.moving = moving.spheres[p.moving].centre, .fixed = fixed.spheres[p.fixed].centre, .weight = std::sqrt(share)});
+    const double share = (fixed.masses[p.fixed] / fixed.volume_mm3) * (moving.masses[p.moving] / moving.volume_mm3);
+    points.push_back({.moving = moving.spheres[p.moving].centre,
+                      .fixed = fixed.spheres[p.fixed].centre,
+                      .weight = std::sqrt(share)});
   }
   return points;
 }

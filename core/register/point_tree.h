@@ -21,7 +21,7 @@ class PointTree {
   explicit PointTree(std::span<const Vec3> points);
 
   struct Near {
-    std::uint32_t index = none;  ///< of the points given; `none` when nothing is near
+    std::uint32_t index = none;                                ///< of the points given; `none` when nothing is near
     double squared = std::numeric_limits<double>::infinity();  ///< distance
   };
   static constexpr std::uint32_t none = 0xffffffffU;

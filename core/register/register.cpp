@@ -18,10 +18,10 @@ namespace spherule {
 namespace {
 
 constexpr std::size_t kRotations = 4608;
-constexpr double kApartDegrees = 20;   // starts nearer to a better one are left out
-constexpr double kSameDegrees = 8;     // ends nearer than this are one pose
-constexpr double kNearlyAsGood = 0.03; // of agreement
-constexpr double kPoorAgreement = 0.6;
+constexpr double kApartDegrees = 20;    // starts nearer to a better one are left out
+constexpr double kSameDegrees = 8;      // ends nearer than this are one pose
+constexpr double kNearlyAsGood = 0.05;  // share of the best one's agreement
+constexpr double kPoorShare = 0.75;     // of either surface near the other
 
 // Symmetric, with these eigenvalues raised to a power.
 Mat3 power(const Mat3& symmetric, double exponent) {
@@ -30,8 +30,8 @@ Mat3 power(const Mat3& symmetric, double exponent) {
     for (int j = 0; j < 3; ++j) e(i, j) = symmetric.rows[static_cast<std::size_t>(i)][j];
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(e);
   const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(1e-9 * solver.eigenvalues()(2));
-  const Eigen::Matrix3d p = solver.eigenvectors() * values.array().pow(exponent).matrix().asDiagonal() *
-                            solver.eigenvectors().transpose();
+  const Eigen::Matrix3d p =
+      solver.eigenvectors() * values.array().pow(exponent).matrix().asDiagonal() * solver.eigenvectors().transpose();
   Mat3 result;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) result.rows[static_cast<std::size_t>(i)][j] = p(i, j);
@@ -101,9 +101,8 @@ class Registering {
       moving_ = std::move(shapes[1]);
     });
     std::vector<Candidate> found;
-    timed("search", 0.3, [&] {
-      found = options_.method == RegistrationMethod::global ? by_overlap() : by_matching();
-    });
+    timed("search", 0.3, [&] { found = options_.method == RegistrationMethod::global ? by_overlap() : by_matching(); });
+    for (Candidate& c : found) c.map = bounded(c.map);
     if (options_.refine) timed("surfaces", 0.5, [&] { found = by_surfaces(std::move(found)); });
     timed("quality", 0.8, [&] { describe(found); });
     context_.report("register", 1);
@@ -117,8 +116,7 @@ class Registering {
     context_.report("register", progress);
     const auto begin = std::chrono::steady_clock::now();
     work();
-    result_.timings.push_back(
-        {stage, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()});
+    result_.timings.push_back({stage, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()});
   }
 
   std::vector<Candidate> by_overlap() const {
@@ -167,6 +165,16 @@ class Registering {
     return distinct(std::move(ends), kSameDegrees, options_.inits);
   }
 
+  // With the nearest allowed scale, about the moving centroid.
+  AffineMap bounded(const AffineMap& map) const {
+    const double scale = scale_of(map);
+    if (options_.transform == TransformKind::rigid) return map;
+    const double factor = std::clamp(scale, options_.min_scale, options_.max_scale) / scale;
+    if (factor == 1) return map;
+    const Mat3 linear = scaled(factor, map.linear);
+    return {linear, map(moving_.centroid) - linear * moving_.centroid};
+  }
+
   // The rotations that lay the principal axes of one shape on those of the other.
   std::vector<Mat3> principal_turns() const {
     const auto axes = [](const Shape& shape) {
@@ -183,13 +191,14 @@ class Registering {
   }
 
   std::vector<Candidate> by_surfaces(std::vector<Candidate> candidates) const {
-    const auto refined = [&](std::size_t samples, int iterations, double reach) {
+    const auto refined = [&](std::size_t samples, int iterations, double settled, double reach) {
       parallel_for(silent(), {}, candidates.size(), 1, [&](std::size_t i, std::size_t) {
         Candidate& c = candidates[i];
         c.map = fit_surfaces(fixed_.surface, moving_.surface, c.map,
                              {.kind = options_.transform,
                               .samples = samples,
                               .iterations = iterations,
+                              .settled = settled,
                               .reach_mm = reach * fixed_.size_mm(),
                               .centre = fixed_.centroid,
                               .size_mm = fixed_.size_mm(),
@@ -198,10 +207,11 @@ class Registering {
         c.score = surfaces(c.map, 2 * samples).agreement;
       });
     };
-    refined(400, 20, 0.25);
+    refined(400, 15, 0.03, 0.25);
     candidates = distinct(std::move(candidates), kSameDegrees, options_.inits);
-    std::erase_if(candidates, [&](const Candidate& c) { return c.score < candidates[0].score - 2 * kNearlyAsGood; });
-    refined(3000, 30, 0.05);
+    std::erase_if(candidates,
+                  [&](const Candidate& c) { return c.score < (1 - 2 * kNearlyAsGood) * candidates[0].score; });
+    refined(std::max<std::size_t>(12'000 / candidates.size(), 500), 25, 0.003, 0.05);
     return distinct(std::move(candidates), kSameDegrees, options_.inits);
   }
 
@@ -209,8 +219,7 @@ class Registering {
     return surface_distance(fixed_.surface, moving_.surface, map, samples, reach(map));
   }
   double reach(const AffineMap& map) const {
-    return std::max({0.03 * fixed_.size_mm(), 2 * fixed_.surface.spacing_mm,
-                     2 * scale_of(map) * moving_.surface.spacing_mm});
+    return std::max({0.02 * fixed_.size_mm(), fixed_.surface.spacing_mm, scale_of(map) * moving_.surface.spacing_mm});
   }
 
   void describe(std::vector<Candidate>& found) {
@@ -230,12 +239,14 @@ class Registering {
     const auto points = point_pairs(fixed_, moving_, result_.pairs);
     result_.residual_rms_mm = rms_residual(map, points);
     for (const SpherePair& p : result_.pairs) {
-      result_.matched_share += 0.5 * (fixed_.masses[p.fixed] / fixed_.volume_mm3 +
-                                      moving_.masses[p.moving] / moving_.volume_mm3);
+      result_.matched_share +=
+          0.5 * (fixed_.masses[p.fixed] / fixed_.volume_mm3 + moving_.masses[p.moving] / moving_.volume_mm3);
     }
     result_.radius_ratio = radius_ratio(fixed_, moving_);
-    for (std::size_t i = 1; i < found.size(); ++i) {
-      if (found[i].score < found[0].score - kNearlyAsGood) break;
+    result_.poor = std::min(result_.surfaces.fixed_within, result_.surfaces.moving_within) < kPoorShare;
+    // Of poor matches all are about as poor.
+    for (std::size_t i = 1; i < found.size() && !result_.poor; ++i) {
+      if (found[i].score < (1 - kNearlyAsGood) * found[0].score) break;
       result_.others.push_back({found[i].map, surfaces(found[i].map, 3000)});
     }
     result_.fixed_spheres = std::move(fixed_.spheres);
@@ -248,7 +259,6 @@ class Registering {
     if (result_.overlap.iou == 0) {
       warnings.emplace_back("The models do not overlap at the pose found; check the scale's bounds.");
     }
-    result_.poor = result_.surfaces.agreement < kPoorAgreement;
     if (result_.poor) {
       warnings.emplace_back(
           "The surfaces agree poorly even at the best pose found: the models may be of different objects.");

@@ -37,8 +37,8 @@ enum class RegistrationMethod : std::uint8_t {
 struct RegistrationOptions {
   TransformKind transform = TransformKind::similarity;
   RegistrationMethod method = RegistrationMethod::global;
-  std::uint32_t k = 64;      ///< spheres that each model is simplified to; 4 … 512
-  std::uint32_t inits = 32;  ///< starts that are followed to their end; 1 … 256
+  std::uint32_t k = 64;                     ///< spheres that each model is simplified to; 4 … 512
+  std::uint32_t inits = 32;                 ///< starts that are followed to their end; 1 … 256
   double min_scale = 0.05, max_scale = 20;  ///< of the answer, moving to fixed; not for rigid
   MatchingWeights weights{};
   bool refine = true;      ///< by the models' surfaces; without it the answer is that of the k spheres
@@ -57,19 +57,22 @@ struct Registration {
   AffineMap moving_to_fixed;  ///< LPS mm
   Vec3 centre;                ///< of the moving model: about which the transform is told in parts
 
-  UnionOverlap overlap;           ///< of the models; exact where both are few spheres and the map is no affine
-  UnionOverlap spheres_overlap;   ///< of the k and k spheres, exact (under an affine map: of balls of equal volume)
-  SurfaceDistance surfaces;       ///< `within`: of reach_mm
+  UnionOverlap overlap;          ///< of the models; exact where both are few spheres and the map is no affine
+  UnionOverlap spheres_overlap;  ///< of the k and k spheres, exact (under an affine map: of balls of equal volume)
+  SurfaceDistance surfaces;      ///< `within`: of reach_mm
   double reach_mm = 0;
-  double matched_share = 0;       ///< of both volumes, in matched spheres
-  double residual_rms_mm = 0;     ///< of the centres of matched spheres
+  double matched_share = 0;    ///< of both volumes, in matched spheres
+  double residual_rms_mm = 0;  ///< of the centres of matched spheres
 
   std::vector<Sphere> fixed_spheres, moving_spheres;  ///< the k spheres of each, each where it was
   std::vector<SpherePair> pairs;                      ///< ascending by moving sphere
   double radius_ratio = 1;                            ///< the paper's estimate of the scale
 
-  std::vector<FoundPose> others;  ///< other poses nearly as good, the best first: those of a symmetric object
-  bool poor = false;              ///< the models do not match; a warning says so
+  std::vector<FoundPose>
+      others;  ///< other poses nearly as good, the best first: those of a symmetric object. None when poor
+  /// Less than three quarters of one of the surfaces lie within reach_mm of the other: the models may be of different
+  /// objects, or of parts of one that overlap little. A warning says so.
+  bool poor = false;
   std::vector<StageTime> timings;
   std::vector<std::string> warnings;  ///< sentences for the user
 };

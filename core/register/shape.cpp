@@ -38,14 +38,27 @@ void add_boundary(Surface& surface, const SphereModel& model, std::size_t most) 
   surface.spacing_mm = std::max({spacing.x, spacing.y, spacing.z}) * std::sqrt(static_cast<double>(step));
 }
 
-// Fibonacci spirals on the balls, as dense on each, but for what lies in another ball.
-void add_spheres(Surface& surface, std::span<const Sphere> balls, double area_mm2, std::size_t most) {
+// Fibonacci spirals on the balls, as dense on each, but for what lies in another ball. Where little of a ball is to be
+// seen, one point in the middle of it stands for as many such balls as make up a point's area.
+void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMeasures& whole, std::size_t most) {
   const detail::BallTree tree(balls);
-  const double each = std::max(area_mm2 / static_cast<double>(most), 1e-300);
+  const double each = std::max(whole.area_mm2 / static_cast<double>(most), 1e-300);
+  double small = 0;
   constexpr double golden = std::numbers::pi * (3 - 2.2360679774997896964);
   for (std::uint32_t b = 0; b < balls.size(); ++b) {
     const Sphere& ball = balls[b];
-    const double count = std::ceil(4 * std::numbers::pi * ball.radius * ball.radius / each);
+    const BallPart& part = whole.parts[b];
+    const double area = 4 * std::numbers::pi * ball.radius * ball.radius, push = norm(part.push_mm2);
+    if (part.area_mm2 < 0.1 * area) {
+      small += part.area_mm2;
+      if (small < each || push == 0) continue;
+      small = 0;
+      const Vec3 normal = (1 / push) * part.push_mm2;
+      surface.points.push_back(ball.centre + ball.radius * normal);
+      surface.normals.push_back(normal);
+      continue;
+    }
+    const double count = std::ceil(area / each);
     for (double i = 0; i < count; ++i) {
       const double z = 1 - (2 * i + 1) / count, across = std::sqrt(1 - z * z);
       const Vec3 normal{across * std::cos(golden * i), across * std::sin(golden * i), z};
@@ -74,14 +87,13 @@ Shape shape_of(const SphereModel& model, std::uint32_t k, std::size_t most_point
   Shape shape;
   Moments moments;
   std::vector<double> shares;
-  double area = 0;
+  UnionMeasures whole;
   if (model.solid) {
     moments = tetrahedra_moments(*model.solid, context);
     shares = volume_shares(model, context);
   } else {
-    const UnionMeasures whole = measure_union(model.spheres, context);
+    whole = measure_union(model.spheres, context);
     moments = whole.moments;
-    area = whole.area_mm2;
     for (const BallPart& part : whole.parts) shares.push_back(part.volume_mm3);
   }
   if (!(moments.volume > 0)) throw no_volume();
@@ -108,7 +120,7 @@ Shape shape_of(const SphereModel& model, std::uint32_t k, std::size_t most_point
   if (model.solid) {
     add_boundary(shape.surface, model, most_points);
   } else {
-    add_spheres(shape.surface, model.spheres, area, most_points);
+    add_spheres(shape.surface, model.spheres, whole, most_points);
   }
   shape.surface.tree = detail::PointTree(shape.surface.points);
   return shape;

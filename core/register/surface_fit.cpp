@@ -14,8 +14,8 @@ namespace {
 
 // Where a point of one surface meets the other, in the fixed frame.
 struct Contact {
-  Vec3 at;      // the moving point, posed
-  Vec3 normal;  // of the fixed surface
+  Vec3 at;         // the moving point, posed
+  Vec3 normal;     // of the fixed surface
   double off = 0;  // along the normal, from the moving point to the fixed surface
   double distance_squared = 0;
   double agreement = 0;  // cosine between the normals
@@ -25,8 +25,6 @@ double biweight(double squared, double reach) {
   const double t = 1 - squared / (reach * reach);
   return t > 0 ? t * t : 0;
 }
-
-Vec3 turned_normal(const Mat3& cotangent, Vec3 normal) { return normalised(cotangent * normal); }
 
 // Of every step-th point of both surfaces, first the moving ones.
 class Contacts {
@@ -59,10 +57,11 @@ class Contacts {
       contact.at = map(moving_.points[m]);
     }
     const Vec3 gap = fixed_.points[f] - contact.at;
-    contact.normal = fixed_.normals[f];
+    const Vec3 turned = normalised(cotangent * moving_.normals[m]), both = fixed_.normals[f] + turned;
+    contact.agreement = dot(fixed_.normals[f], turned);
+    contact.normal = contact.agreement > -0.9 ? normalised(both) : fixed_.normals[f];
     contact.off = dot(contact.normal, gap);
     contact.distance_squared = squared_norm(gap);
-    contact.agreement = dot(contact.normal, turned_normal(cotangent, moving_.normals[m]));
     return contact.distance_squared < reach * reach;
   }
 
@@ -89,9 +88,7 @@ int derivative(TransformKind kind, Vec3 x, Vec3 n, Vector& row) {
   const Vec3 turn = cross(x, n);
   switch (kind) {
     case TransformKind::rigid: row.head<6>() << turn.x, turn.y, turn.z, n.x, n.y, n.z; return 6;
-    case TransformKind::similarity:
-      row.head<7>() << turn.x, turn.y, turn.z, n.x, n.y, n.z, dot(x, n);
-      return 7;
+    case TransformKind::similarity: row.head<7>() << turn.x, turn.y, turn.z, n.x, n.y, n.z, dot(x, n); return 7;
     case TransformKind::affine: break;
   }
   row << n.x * x.x, n.x * x.y, n.x * x.z, n.y * x.x, n.y * x.y, n.y * x.z, n.z * x.x, n.z * x.y, n.z * x.z, n.x, n.y,
@@ -160,7 +157,7 @@ AffineMap fit_surfaces(const Surface& fixed, const Surface& moving, const Affine
     const double grown = scale_of(next);
     if (!(determinant(next.linear) > 0) || grown < options.min_scale || grown > options.max_scale) return map;
     map = next;
-    const bool settled = by.cwiseAbs().maxCoeff() * options.size_mm < 1e-3 * spacing;
+    const bool settled = by.cwiseAbs().maxCoeff() * options.size_mm < options.settled * spacing;
     if (settled && reach <= now) break;
     reach = now;
   }
@@ -188,8 +185,10 @@ SurfaceDistance surface_distance(const Surface& fixed, const Surface& moving, co
   for (std::size_t i = 0; i < distances.size(); ++i) {
     result.mean_mm += distances[i] / count;
     result.agreement += agreements[i] / count;
-    result.within += (distances[i] < reach_mm ? 1 : 0) / count;
+    if (distances[i] < reach_mm) (i < contacts.from_moving() ? result.moving_within : result.fixed_within) += 1;
   }
+  result.moving_within /= static_cast<double>(contacts.from_moving());
+  result.fixed_within /= count - static_cast<double>(contacts.from_moving());
   const auto at = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() * 95 / 100);
   std::nth_element(distances.begin(), at, distances.end());
   result.p95_mm = *at;

@@ -97,10 +97,10 @@ class RealObject {
 
 /// How a volume of the object is taken.
 struct Taking {
-  AffineMap to_object;   ///< from the volume's frame to the object's
-  double voxel = 1;      ///< edge, in the object's mm
-  double noise = 0;      ///< standard deviation, of the difference between inside and outside
-  double cropped = 0;    ///< share of the object that is cut off by a plane
+  AffineMap to_object;  ///< from the volume's frame to the object's
+  double voxel = 1;     ///< edge, in the object's mm
+  double noise = 0;     ///< standard deviation, of the difference between inside and outside
+  double cropped = 0;   ///< share of the object that is cut off by a plane
   std::uint64_t seed = 1;
 };
 
@@ -157,9 +157,9 @@ inline Volume taken(const RealObject& object, const Taking& how, unsigned thread
         double sum = 0;
         for (int s = 0; s < sub * sub * sub; ++s) {
           const auto within = [&](int n) { return (n + 0.5) / sub - 0.5; };
-          const Vec3 p = how.to_object(volume.grid.to_patient(
-              {step * (i + within(s % sub)), step * (j + within(s / sub % sub)),
-               step * (static_cast<double>(k) + within(s / sub / sub))}));
+          const Vec3 p =
+              how.to_object(volume.grid.to_patient({step * (i + within(s % sub)), step * (j + within(s / sub % sub)),
+                                                    step * (static_cast<double>(k) + within(s / sub / sub))}));
           sum += dot(cut_normal, p) > cut_offset ? std::min(object(p), 0.0) : object(p);
         }
         out[(k * static_cast<std::size_t>(ny) + static_cast<std::size_t>(j)) * static_cast<std::size_t>(nx) +
@@ -191,16 +191,11 @@ inline AffineMap random_pose(const RealObject& object, phantoms::Random& random)
 inline std::vector<Scan> registration_scans() {
   const RawLayout engine{.dims = {256, 256, 128}, .type = VoxelType::uint8, .spacing = {1, 1, 1}, .origin = {}};
   return {
-      {"ct-head.mhd", threshold(1150), 0, {}},
-      {"stroke-t1.nii.gz", threshold(60), 0, {}},
-      {"abdomen-ct.nii.gz", threshold(200), 0, {}},
-      {"abdomen-ct-small-labels.nii.gz", label(5), 0, {}},
-      {"pet.nii", threshold(0.5), 0, {}},
-      {"spect.nii", threshold(1000), 0, {}},
-      {"engine.raw", threshold(80), 0, engine},
-      {"bonsai.nii.gz", threshold(80), 0, {}},
-      {"embryo.nrrd", threshold(40), 0, {}},
-      {"frog-labels.mhd", label(10), 0, {}},
+      {"ct-head.mhd", threshold(1150), 0, {}},      {"stroke-t1.nii.gz", threshold(60), 0, {}},
+      {"abdomen-ct.nii.gz", threshold(200), 0, {}}, {"abdomen-ct-small-labels.nii.gz", label(5), 0, {}},
+      {"pet.nii", threshold(0.5), 0, {}},           {"spect.nii", threshold(1000), 0, {}},
+      {"engine.raw", threshold(80), 0, engine},     {"bonsai.nii.gz", threshold(80), 0, {}},
+      {"embryo.nrrd", threshold(40), 0, {}},        {"frog-labels.mhd", label(10), 0, {}},
   };
 }
 
