@@ -26,6 +26,7 @@ Kind kind_of(ErrorCode code) {
     case ErrorCode::conflict: return {409, "conflict", "Conflict with the resource's state"};
     case ErrorCode::no_space: return {507, "no-space", "Storage is full"};
     case ErrorCode::busy: return {503, "busy", "Busy"};
+    case ErrorCode::throttled: return {429, "throttled", "Too much at once"};
     case ErrorCode::cancelled: return {409, "cancelled", "Cancelled"};
     case ErrorCode::corrupt: return {500, "corrupt", "Stored data is damaged"};
   }
@@ -40,6 +41,8 @@ struct HttpKind {
 HttpKind kind_of(int status) {
   switch (status) {
     case 400: return {{400, "bad-request", "Bad request"}, "Send a well-formed HTTP/1.1 request."};
+    case 401: return {{401, "unauthorized", "Unauthorized"}, "Send a key of this server: Authorization: Bearer TOKEN."};
+    case 403: return {{403, "forbidden", "Forbidden"}, "Use a key that has the scope for this."};
     case 404: return {{404, "not-found", "Not found"}, "Use a path that /openapi.yaml lists."};
     case 405: return {{405, "method-not-allowed", "Method not allowed"}, "Use a method that the Allow header lists."};
     case 406: return {{406, "not-acceptable", "Not acceptable"}, "Ask for a media type that this resource has."};
@@ -70,7 +73,7 @@ std::string text(const Json& json) { return json.dump(2, ' ', false, Json::error
 Response response(int status, std::string body) {
   Response r{.status = status, .body = std::move(body)};
   r.set("Content-Type", "application/problem+json");
-  if (status == 503) r.set("Retry-After", "5");
+  if (status == 503 || status == 429) r.set("Retry-After", "5");
   return r;
 }
 

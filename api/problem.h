@@ -13,7 +13,7 @@
 
 namespace spherule::api {
 
-/// What only HTTP knows to be wrong: a method, a media type, a range. Thrown inside api/ alone.
+/// What only HTTP knows to be wrong: a method, a media type, a range, a key. Thrown inside api/ alone.
 class HttpError : public std::runtime_error {
  public:
   HttpError(int status, const std::string& sentence, std::vector<std::pair<std::string, std::string>> headers = {})

@@ -40,15 +40,6 @@ constexpr std::size_t digest_digits = 64;
       "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
 }
 
-void sync_folder(const fs::path& folder) {
-  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor < 0) throw_storage(errno);
-  const int result = ::fsync(descriptor);
-  const int error = errno;
-  ::close(descriptor);
-  if (result != 0) throw_storage(error);
-}
-
 bool is_name_part(std::string_view part) {
   return !part.empty() && std::all_of(part.begin(), part.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
@@ -106,7 +97,7 @@ class FileStaging final : public Staging {
     make_folder(target.parent_path());
     if (::rename(path_.c_str(), target.c_str()) != 0) throw_storage(errno);
     path_ = target;  // until the folder is durable too, the destructor takes the blob back
-    sync_folder(target.parent_path());
+    sync_to_disk(target.parent_path());
     path_.clear();
     return key;
   }
@@ -129,13 +120,22 @@ class FileStaging final : public Staging {
 
 }  // namespace
 
+void sync_to_disk(const fs::path& path) {
+  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) throw_storage(errno);
+  const int result = ::fsync(descriptor);
+  const int error = errno;
+  ::close(descriptor);
+  if (result != 0) throw_storage(error);
+}
+
 void make_folder(const fs::path& folder) {
   std::error_code failed;
   if (fs::is_directory(folder, failed)) return;
   const fs::path parent = fs::absolute(folder).parent_path();
   make_folder(parent);
   if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) throw_storage(errno);  // scans are nobody else's business
-  sync_folder(parent);
+  sync_to_disk(parent);
 }
 
 std::string BlobStore::put(std::string_view name, std::string_view bytes) {

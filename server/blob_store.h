@@ -52,6 +52,9 @@ class BlobStore {
 /// Makes the folder and its missing parents; they survive a power cut once this returns. Throws no_space.
 void make_folder(const std::filesystem::path& folder);
 
+/// Returns once what a file or folder holds survives a power cut. Throws no_space.
+void sync_to_disk(const std::filesystem::path& path);
+
 /// Blobs as files under `root`, which is made if needed. Commit: fsync of the file, rename, fsync of the folder.
 /// The digest is part of the key, hence of the file's name, so contents are plain and usable by any reader.
 /// Opening the store removes what a killed process left half-written; the caller must be the only one that uses

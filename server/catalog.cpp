@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/catalog.h"
 
+#include <fcntl.h>
 #include <sqlite3.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <limits>
 #include <mutex>
 #include <new>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "core/base/check.h"
@@ -43,6 +48,13 @@ CREATE INDEX jobs_unfinished ON jobs (seq) WHERE finished IS NULL;
 CREATE TABLE warnings (
   job INTEGER NOT NULL REFERENCES jobs (seq) ON DELETE CASCADE, position INTEGER NOT NULL, sentence TEXT NOT NULL,
   PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;
+)sql",
+    R"sql(
+ALTER TABLE resources ADD COLUMN used INTEGER NOT NULL DEFAULT 0;
+UPDATE resources SET used = created;
+CREATE INDEX resources_by_use ON resources (collection, used);
+ALTER TABLE jobs ADD COLUMN client TEXT NOT NULL DEFAULT '';
+ALTER TABLE jobs ADD COLUMN memory INTEGER NOT NULL DEFAULT 0;
 )sql"};
 
 constexpr std::array<std::pair<JobState, std::string_view>, 6> state_names = {{{JobState::queued, "queued"},
@@ -53,7 +65,7 @@ constexpr std::array<std::pair<JobState, std::string_view>, 6> state_names = {{{
                                                                                {JobState::cancelled, "cancelled"}}};
 
 // Stored by name, since numbers would shift when a code is added.
-constexpr std::array<std::pair<ErrorCode, std::string_view>, 11> code_names = {
+constexpr std::array<std::pair<ErrorCode, std::string_view>, 12> code_names = {
     {{ErrorCode::invalid_argument, "invalid_argument"},
      {ErrorCode::malformed, "malformed"},
      {ErrorCode::unknown_format, "unknown_format"},
@@ -63,13 +75,14 @@ constexpr std::array<std::pair<ErrorCode, std::string_view>, 11> code_names = {
      {ErrorCode::conflict, "conflict"},
      {ErrorCode::no_space, "no_space"},
      {ErrorCode::busy, "busy"},
+     {ErrorCode::throttled, "throttled"},
      {ErrorCode::cancelled, "cancelled"},
      {ErrorCode::corrupt, "corrupt"}}};
 
 [[noreturn]] void throw_corrupt() {
   throw Error(ErrorCode::corrupt,
-              "The server's catalogue is damaged or not a catalogue; restore the data folder from a backup, or start "
-              "with an empty one.");
+              "The server's catalogue is damaged or not a catalogue; restore a backup, or save what can be read with "
+              "`spheruled fsck --repair`.");
 }
 
 template <typename Names, typename Value>
@@ -201,7 +214,7 @@ std::int64_t parse_cursor(const std::string& cursor) {
   return before;
 }
 
-constexpr std::string_view resource_columns = "seq, id, collection, created, request, document, bytes";
+constexpr std::string_view resource_columns = "seq, id, collection, created, request, document, bytes, used";
 
 Resource read_resource(sqlite3* database, const Statement& row) {
   Resource resource;
@@ -211,6 +224,7 @@ Resource read_resource(sqlite3* database, const Statement& row) {
   resource.request = row.text(4);
   resource.document = row.text(5);
   resource.bytes = static_cast<std::uint64_t>(row.integer(6));
+  resource.used = row.time(7);
   Statement inputs(database,
                    "SELECT r.id FROM inputs i JOIN resources r ON r.seq = i.input WHERE i.resource = ?"
                    " ORDER BY i.position",
@@ -221,11 +235,20 @@ Resource read_resource(sqlite3* database, const Statement& row) {
   return resource;
 }
 
-bool insert_resource(sqlite3* database, const Resource& resource) {
+void touch_with_inputs(sqlite3* database, const std::string& id, Time when) {
   Statement(database,
-            "INSERT INTO resources (id, collection, created, request, document, bytes) VALUES (?, ?, ?, ?, ?, ?)"
-            " ON CONFLICT (id) DO NOTHING",
-            resource.id, resource.collection, now(), resource.request, resource.document, resource.bytes)
+            "WITH RECURSIVE line (seq) AS (SELECT seq FROM resources WHERE id = ?"
+            " UNION SELECT i.input FROM inputs i JOIN line l ON i.resource = l.seq)"
+            " UPDATE resources SET used = max(used, ?) WHERE seq IN line",
+            id, when)
+      .step();
+}
+
+bool insert_resource(sqlite3* database, const Resource& resource, Time created, Time used) {
+  Statement(database,
+            "INSERT INTO resources (id, collection, created, used, request, document, bytes)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO NOTHING",
+            resource.id, resource.collection, created, used, resource.request, resource.document, resource.bytes)
       .step();
   if (sqlite3_changes(database) == 0) return false;
   const std::int64_t seq = sqlite3_last_insert_rowid(database);
@@ -238,12 +261,18 @@ bool insert_resource(sqlite3* database, const Resource& resource) {
   }
   for (int i = 0; const std::string& key : resource.blobs)
     Statement(database, "INSERT INTO blobs (resource, position, key) VALUES (?, ?, ?)", seq, i++, key).step();
+  if (!resource.inputs.empty()) touch_with_inputs(database, resource.id, used);
   return true;
+}
+
+bool insert_resource(sqlite3* database, const Resource& resource) {
+  const Time time = now();
+  return insert_resource(database, resource, time, time);
 }
 
 constexpr std::string_view job_columns =
     "seq, id, kind, result_id, request, state, stage, progress, requesters, attempts, crashes, created, started,"
-    " finished, error_code, error_sentence";
+    " finished, error_code, error_sentence, client, memory";
 
 JobRecord read_job(sqlite3* database, const Statement& row) {
   JobRecord job;
@@ -265,6 +294,8 @@ JobRecord read_job(sqlite3* database, const Statement& row) {
     if (!row.is_null(14)) job.error->code = value_of(code_names, row.text(14));
     job.error->sentence = row.text(15);
   }
+  job.client = row.text(16);
+  job.memory_bytes = static_cast<std::uint64_t>(row.integer(17));
   Statement warnings(database, "SELECT sentence FROM warnings WHERE job = ? ORDER BY position", row.integer(0));
   while (warnings.step()) job.warnings.push_back(warnings.text(0));
   return job;
@@ -289,17 +320,48 @@ void write_job(sqlite3* database, const JobRecord& job) {
         .step();
 }
 
-}  // namespace
+void insert_job(sqlite3* database, const JobRecord& job) {
+  Statement(
+      database,
+      "INSERT INTO jobs (id, kind, result_id, request, client, memory, created, state, stage, progress, requesters,"
+      " attempts, crashes) VALUES (?, ?, ?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
+      job.id, job.kind, job.result_id, job.request, job.client, job.memory_bytes, job.created)
+      .step();
+  write_job(database, job);
+}
 
-Time now() { return std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now()); }
+/// The right to use a file, held by one object in one process.
+class FileLock {
+ public:
+  explicit FileLock(const std::filesystem::path& file) {
+    descriptor_ = ::open((file.native() + ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    if (descriptor_ < 0) throw_sqlite(nullptr, errno == ENOSPC ? SQLITE_FULL : SQLITE_CANTOPEN);
+    // A predecessor may be just closing.
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
+    while (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) {
+      if (std::chrono::steady_clock::now() > end) {
+        ::close(descriptor_);
+        throw_sqlite(nullptr, SQLITE_BUSY);
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+  }
+  ~FileLock() { ::close(descriptor_); }
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
 
-std::string_view to_string(JobState state) { return name_of(state_names, state); }
+ private:
+  int descriptor_ = -1;
+};
 
-struct Catalog::State {
-  std::mutex mutex;
+struct Connection {
+  std::optional<FileLock> lock;  // outlives the connection
   sqlite3* database = nullptr;
 
-  ~State() { sqlite3_close(database); }
+  Connection() = default;
+  ~Connection() { sqlite3_close(database); }
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
 
   void run(const char* script) {
     const int result = sqlite3_exec(database, script, nullptr, nullptr, nullptr);
@@ -311,14 +373,20 @@ struct Catalog::State {
     return statement.step() ? statement.integer(0) : 0;
   }
 
-  void open(const std::filesystem::path& file) {
-    const int result = sqlite3_open_v2(file.c_str(), &database,
-                                       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, nullptr);
+  /// `flags` as of sqlite3_open_v2.
+  void connect(const std::filesystem::path& file, int flags) {
+    const int result = sqlite3_open_v2(file.c_str(), &database, flags | SQLITE_OPEN_NOMUTEX, nullptr);
     if (result != SQLITE_OK) throw_sqlite(database, result);
-    sqlite3_busy_timeout(database, 500);  // ms, for a predecessor that is just closing
-    // EXCLUSIVE comes first, so that WAL needs no shared memory file and a second server is refused.
-    run("PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;"
-        "PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
+    sqlite3_busy_timeout(database, 5000);  // ms: a backup that reads, or a server that writes beside one
+  }
+
+  void open(const std::filesystem::path& file) {
+    if (file != ":memory:") {
+      if (std::filesystem::is_directory(file)) throw_corrupt();
+      lock.emplace(file);
+    }
+    connect(file, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+    run("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
     Statement check(database, "PRAGMA quick_check(1)");
     if (!check.step() || check.text(0) != "ok") throw_corrupt();
   }
@@ -337,6 +405,16 @@ struct Catalog::State {
     run(("PRAGMA user_version = " + std::to_string(migrations.size())).c_str());
     transaction.commit();
   }
+};
+
+}  // namespace
+
+Time now() { return std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now()); }
+
+std::string_view to_string(JobState state) { return name_of(state_names, state); }
+
+struct Catalog::State : Connection {
+  std::mutex mutex;
 };
 
 Catalog::Catalog(const std::filesystem::path& file) : state_(std::make_unique<State>()) {
@@ -395,6 +473,29 @@ Page<Resource> Catalog::list(const std::string& collection, const std::string& c
   return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(state_->database, r); });
 }
 
+Page<Resource> Catalog::list_all(const std::string& cursor, std::size_t limit) const {
+  limit = clamp_limit(limit);
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database,
+                "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq < ? ORDER BY seq DESC LIMIT ?",
+                parse_cursor(cursor), std::uint64_t{limit + 1});
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(state_->database, r); });
+}
+
+void Catalog::touch(const std::string& id) {
+  const std::lock_guard lock(state_->mutex);
+  touch_with_inputs(state_->database, id, now());
+}
+
+std::vector<std::string> Catalog::unused_since(const std::string& collection, Time before, std::size_t limit) const {
+  const std::lock_guard lock(state_->mutex);
+  Statement row(state_->database, "SELECT id FROM resources WHERE collection = ? AND used < ? ORDER BY used LIMIT ?",
+                collection, before, std::uint64_t{limit});
+  std::vector<std::string> found;
+  while (row.step()) found.push_back(row.text(0));
+  return found;
+}
+
 std::vector<std::string> Catalog::erase(const std::string& id) {
   // UNION, not UNION ALL: something made from two descendants appears once.
   constexpr std::string_view doomed =
@@ -424,12 +525,7 @@ bool Catalog::owns_blob(const std::string& key) const {
 void Catalog::add_job(const JobRecord& job) {
   const std::lock_guard lock(state_->mutex);
   Transaction transaction(state_->database);
-  Statement(state_->database,
-            "INSERT INTO jobs (id, kind, result_id, request, created, state, stage, progress, requesters, attempts,"
-            " crashes) VALUES (?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
-            job.id, job.kind, job.result_id, job.request, job.created)
-      .step();
-  write_job(state_->database, job);
+  insert_job(state_->database, job);
   transaction.commit();
 }
 
@@ -475,6 +571,88 @@ std::vector<JobRecord> Catalog::unfinished_jobs() const {
   return jobs;
 }
 
+std::size_t Catalog::forget_jobs(Time ended_before) {
+  const std::lock_guard lock(state_->mutex);
+  Statement(state_->database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
+  return static_cast<std::size_t>(sqlite3_changes(state_->database));
+}
+
+void Catalog::verify() const {
+  const std::lock_guard lock(state_->mutex);
+  Statement whole(state_->database, "PRAGMA integrity_check(1)");
+  if (!whole.step() || whole.text(0) != "ok") throw_corrupt();
+  if (Statement(state_->database, "PRAGMA foreign_key_check").step()) throw_corrupt();
+}
+
+void copy_catalog(const std::filesystem::path& from, const std::filesystem::path& to) {
+  SPHERULE_CHECK(!std::filesystem::exists(to));
+  Connection source, copy;
+  source.connect(from, SQLITE_OPEN_READWRITE);
+  copy.connect(to, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+  sqlite3_backup* backup = sqlite3_backup_init(copy.database, "main", source.database, "main");
+  if (backup == nullptr) throw_sqlite(copy.database, sqlite3_errcode(copy.database));
+  // All pages in one step: a reader of a write-ahead log holds up nobody.
+  sqlite3_backup_step(backup, -1);
+  const int result = sqlite3_backup_finish(backup);
+  if (result != SQLITE_OK) throw_sqlite(copy.database, result);
+}
+
+namespace {
+
+/// Calls `read(number)` for each number up to the table's last; returns for how many it threw corrupt or conflict.
+template <typename Read>
+std::size_t read_rows(Connection& source, const char* last_row, const Read& read) {
+  std::int64_t last = 1'000'000;  // when not even that can be read
+  try {
+    last = source.number(last_row);
+  } catch (const Error&) {
+  }
+  std::size_t failed = 0;
+  for (std::int64_t seq = 1; seq <= last; ++seq) try {
+      read(seq);
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::conflict) throw;
+      ++failed;
+    }
+  return failed;
+}
+
+}  // namespace
+
+Salvage salvage_catalog(const std::filesystem::path& damaged, const std::filesystem::path& to) {
+  SPHERULE_CHECK(!std::filesystem::exists(to));
+  const FileLock lock(damaged);
+  Connection source, fresh;
+  source.connect(damaged, SQLITE_OPEN_READWRITE);
+  if (source.number("PRAGMA user_version") != static_cast<std::int64_t>(migrations.size()) ||
+      source.number("PRAGMA application_id") != application_id)
+    throw_corrupt();
+  fresh.open(to);
+  fresh.migrate();
+  fresh.run("PRAGMA synchronous = OFF");  // until the end: a crash leaves the damaged file in its place
+  Salvage salvage;
+  // Point look-ups by row number: a damaged page costs its own rows and no others. Inputs have lower numbers.
+  salvage.lost += read_rows(source, "SELECT seq FROM sqlite_sequence WHERE name = 'resources'", [&](std::int64_t seq) {
+    Statement row(source.database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq = ?", seq);
+    if (!row.step()) return;
+    const Resource resource = read_resource(source.database, row);
+    Transaction transaction(fresh.database);
+    salvage.resources += insert_resource(fresh.database, resource, resource.created, resource.used);
+    transaction.commit();
+  });
+  salvage.lost += read_rows(source, "SELECT seq FROM sqlite_sequence WHERE name = 'jobs'", [&](std::int64_t seq) {
+    Statement row(source.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq = ?", seq);
+    if (!row.step()) return;
+    const JobRecord job = read_job(source.database, row);
+    Transaction transaction(fresh.database);
+    insert_job(fresh.database, job);
+    transaction.commit();
+    ++salvage.jobs;
+  });
+  fresh.run("PRAGMA synchronous = FULL; PRAGMA wal_checkpoint(TRUNCATE)");
+  return salvage;
+}
+
 namespace {
 
 void remove_all(BlobStore& blobs, const std::vector<std::string>& keys) {
@@ -499,7 +677,11 @@ bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource) {
   }
 }
 
-void withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id) { remove_all(blobs, catalog.erase(id)); }
+std::vector<std::string> withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id) {
+  std::vector<std::string> keys = catalog.erase(id);
+  remove_all(blobs, keys);
+  return keys;
+}
 
 void remove_orphans(const Catalog& catalog, BlobStore& blobs) {
   for (const std::string& key : blobs.keys())

@@ -29,6 +29,7 @@ struct Resource {
   std::string id;                   ///< content_id: equal ids are equal things
   std::string collection;           ///< "volumes", "models", …: what lists go by
   Time created{};                   ///< set by the catalogue
+  Time used{};                      ///< set by the catalogue: when it, or something made from it, was last used
   std::string request;              ///< canonical text of what was asked, if anything
   std::string document;             ///< whatever the api layer wants to find again
   std::vector<std::string> inputs;  ///< ids of the resources that it was made from; deleted together with any of them
@@ -57,6 +58,8 @@ struct JobRecord {
   std::string kind;       ///< "model", …
   std::string result_id;  ///< id of the resource that it makes, known beforehand because ids are content addresses
   std::string request;    ///< all that is needed to run it again
+  std::string client{};   ///< whose turn it takes: the name of a key
+  std::uint64_t memory_bytes = 0;  ///< estimate of what it needs at its peak
   JobState state = JobState::queued;
   std::string stage;        ///< what it is doing, in the runner's words; kept when it ends
   double progress = 0;      ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
@@ -81,9 +84,10 @@ struct Page {
 /// (the file is damaged), no_space (the disk is full; nothing has changed) and busy (the file is locked).
 class Catalog {
  public:
-  /// Opens or makes the file, brings its schema up to date and locks it for this process until destroyed or killed.
-  /// Throws busy when another process has it, corrupt when it is no catalogue or fails SQLite's check, conflict when a
-  /// newer version of this program wrote it. ":memory:" gives one that is never stored, for tests.
+  /// Opens or makes the file, brings its schema up to date and locks it (by `<file>.lock`) for this object until
+  /// destroyed or killed; copy_catalog() reads it all the same. Throws busy when it is locked, corrupt when it is no
+  /// catalogue or fails SQLite's check, conflict when a newer version of this program wrote it. ":memory:" gives one
+  /// that is never stored, for tests.
   explicit Catalog(const std::filesystem::path& file);
   ~Catalog();
   Catalog(const Catalog&) = delete;
@@ -96,6 +100,16 @@ class Catalog {
 
   /// `cursor` is empty or a page's `next`; anything else throws invalid_argument. At least one item a page. O(page).
   [[nodiscard]] Page<Resource> list(const std::string& collection, const std::string& cursor, std::size_t limit) const;
+
+  /// As list(), of every collection.
+  [[nodiscard]] Page<Resource> list_all(const std::string& cursor, std::size_t limit) const;
+
+  /// Sets `used` of the resource, and of all that it was made from, to now. Without effect when it is not there.
+  void touch(const std::string& id);
+
+  /// Ids of at most `limit` resources of a collection that were last used before `before`, longest unused first.
+  [[nodiscard]] std::vector<std::string> unused_since(const std::string& collection, Time before,
+                                                      std::size_t limit) const;
 
   /// Deletes the resource and everything made from it, and returns the blob keys to be removed now.
   /// Throws not_found.
@@ -121,18 +135,38 @@ class Catalog {
   /// Jobs that are not over, oldest first.
   [[nodiscard]] std::vector<JobRecord> unfinished_jobs() const;
 
+  /// Deletes the records of jobs that ended before this time; returns how many.
+  std::size_t forget_jobs(Time ended_before);
+
+  /// SQLite's full check and that of the references between tables; a connection has had the quick one. O(file).
+  /// Throws corrupt when it finds anything.
+  void verify() const;
+
  private:
   struct State;
   std::unique_ptr<State> state_;
 };
 
+/// Copies a catalogue, also one that a server is using, as it is at one moment (SQLite's online backup) to a file that
+/// is not there yet. Throws what Catalog throws.
+void copy_catalog(const std::filesystem::path& from, const std::filesystem::path& to);
+
+struct Salvage {
+  std::size_t resources = 0, jobs = 0;  ///< that could be read and are in the new catalogue
+  std::size_t lost = 0;                 ///< rows at most that could not be read, or whose inputs could not
+};
+
+/// Reads what is readable of a damaged catalogue, row by row, into a new one in `to`, which must not be there.
+/// Throws corrupt when not even its schema can be read, and busy when it is locked.
+Salvage salvage_catalog(const std::filesystem::path& damaged, const std::filesystem::path& to);
+
 /// Adds a resource whose blobs are committed. When the id is there already (returns false) or adding fails (throws),
 /// the given blobs are removed again (at the latest by the next start), so the caller owns nothing afterwards.
 bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource);
 
-/// Deletes a resource, everything made from it, and their blobs; returns when the catalogue has forgotten them for
-/// good. Throws not_found.
-void withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id);
+/// Deletes a resource, everything made from it, and their blobs; returns the blobs' keys when the catalogue has
+/// forgotten them for good. Throws not_found.
+std::vector<std::string> withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id);
 
 /// Removes blobs that nothing owns, which a crash between commit and add leaves. Only before anything is served:
 /// a blob on its way to being published would look the same.

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "core/base/check.h"
+#include "server/fair_queue.h"
 
 namespace spherule::server {
 
@@ -77,20 +78,22 @@ struct JobPool::State {
   BlobStore& blobs;
   const JobRunner runner;
   const FaultLog log;
+  const EndLog ended_log;
 
   std::mutex mutex;
-  std::condition_variable work;     // a job was queued, or the pool stops
+  std::condition_variable work;     // a job was queued, memory became free, or the pool stops
   std::condition_variable changed;  // an event, or the pool stops
-  std::deque<JobPtr> queue;
+  FairQueue<JobPtr> queue;
   std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
   std::unordered_map<std::string, JobPtr> by_result;  // those that a request for the same result may join
   std::deque<std::string> finished;                   // oldest first
   std::size_t running = 0;
+  std::uint64_t memory = 0;  // of those that run, as estimated
   bool stopping = false;
   std::vector<std::jthread> workers;
 
-  State(JobPoolOptions o, Catalog& c, BlobStore& b, JobRunner r, FaultLog l)
-      : options(o), catalog(c), blobs(b), runner(std::move(r)), log(std::move(l)) {}
+  State(JobPoolOptions o, Catalog& c, BlobStore& b, JobRunner r, FaultLog l, EndLog e)
+      : options(o), catalog(c), blobs(b), runner(std::move(r)), log(std::move(l)), ended_log(std::move(e)) {}
 
   // All below but work_on, run and take_back: with the mutex held.
 
@@ -102,9 +105,7 @@ struct JobPool::State {
   JobStatus status(const Job& job) const {
     JobStatus status = status_of(job.record);
     if (job.record.state == JobState::queued) {
-      const auto place =
-          std::find_if(queue.begin(), queue.end(), [&](const JobPtr& queued) { return queued.get() == &job; });
-      status.queue_position = static_cast<std::size_t>(place - queue.begin());
+      status.queue_position = queue.place_of(jobs.at(job.record.id));
     } else if (!is_over(job.record.state)) {
       status.elapsed_s = seconds(SteadyClock::now() - job.run_began);
       if (job.record.state == JobState::running && job.record.progress >= least_progress_to_judge_by)
@@ -121,9 +122,14 @@ struct JobPool::State {
   void enqueue(const JobPtr& job) {
     jobs[job->record.id] = job;
     by_result[job->record.result_id] = job;
-    queue.push_back(job);
+    queue.push(job->record.client, job);
     announce(*job, JobEvent::Type::state);
     work.notify_one();
+  }
+
+  bool may_start_next() const {
+    return !queue.empty() && (running == 0 || queue.front()->record.memory_bytes <=
+                                                  options.memory_bytes - std::min(memory, options.memory_bytes));
   }
 
   /// A newer job for the same result keeps its entry: one may be cancelling while the next is queued.
@@ -135,6 +141,7 @@ struct JobPool::State {
   /// The catalogue knows already.
   void end(Job& job, JobRecord record) {
     job.record = std::move(record);
+    if (ended_log) ended_log(job.record);
     no_longer_joinable(job);
     announce(job, JobEvent::Type::end);
     finished.push_back(job.record.id);
@@ -162,6 +169,7 @@ struct JobPool::State {
     } catch (const Error& error) {
       record = ended(std::move(record), JobState::failed, JobError{error.code(), error.what()});
       job.record = std::move(record);
+      if (ended_log) ended_log(job.record);
       no_longer_joinable(job);
       announce(job, JobEvent::Type::end);  // and stays in `jobs`, since the catalogue would tell otherwise
     }
@@ -182,10 +190,19 @@ struct JobPool::State {
 
 namespace {
 
+Error too_much(std::uint64_t needed, std::uint64_t there) {
+  const auto mib = [](std::uint64_t bytes) { return std::to_string((bytes + (1 << 20) - 1) >> 20) + " MiB"; };
+  return {ErrorCode::unusable, "This work needs about " + mib(needed) + " of memory, and this server has " +
+                                   mib(there) +
+                                   " for it; ask for less, such as a coarser volume, or use a larger server."};
+}
+
 class Running final : public JobContext {
  public:
-  Running(unsigned threads, Job& job, std::mutex& mutex, std::condition_variable& changed)
-      : threads_(threads), job_(job), mutex_(mutex), changed_(changed) {}
+  using Revise = std::function<void(std::uint64_t bytes)>;
+
+  Running(unsigned threads, Job& job, std::mutex& mutex, std::condition_variable& changed, Revise revise)
+      : threads_(threads), job_(job), mutex_(mutex), changed_(changed), revise_(std::move(revise)) {}
 
   Context context(double from, double to) override {
     Context context;
@@ -205,6 +222,8 @@ class Running final : public JobContext {
     changed_.notify_all();
   }
 
+  void expect_memory(std::uint64_t bytes) override { revise_(bytes); }
+
  private:
   void advance(std::string_view stage, double progress) {
     const std::lock_guard lock(mutex_);
@@ -221,6 +240,7 @@ class Running final : public JobContext {
   Job& job_;
   std::mutex& mutex_;
   std::condition_variable& changed_;
+  const Revise revise_;
 };
 
 }  // namespace
@@ -258,10 +278,9 @@ void JobPool::State::work_on() {
     JobPtr job;
     {
       std::unique_lock lock(mutex);
-      work.wait(lock, [&] { return stopping || !queue.empty(); });
+      work.wait(lock, [&] { return stopping || may_start_next(); });
       if (stopping) return;
-      job = queue.front();
-      queue.pop_front();
+      job = queue.pop();
       JobRecord record = job->record;
       record.started = now();
       job->run_began = SteadyClock::now();
@@ -279,6 +298,7 @@ void JobPool::State::work_on() {
       }
       job->record = std::move(record);
       ++running;
+      memory += job->record.memory_bytes;
       announce(*job, JobEvent::Type::state);
     }
     run(job);
@@ -294,7 +314,13 @@ void JobPool::State::run(const JobPtr& job) {
   std::optional<Resource> result;
   std::optional<JobError> error;
   try {
-    Running context(std::max(1U, options.threads_per_job), *job, mutex, changed);
+    Running context(std::max(1U, options.threads_per_job), *job, mutex, changed, [&](std::uint64_t bytes) {
+      if (bytes > options.memory_bytes) throw too_much(bytes, options.memory_bytes);
+      const std::lock_guard lock(mutex);
+      memory += bytes - job->record.memory_bytes;
+      job->record.memory_bytes = bytes;
+      work.notify_all();
+    });
     result = runner(record_at_start, context);
     SPHERULE_CHECK(result->id == record_at_start.result_id);
   } catch (const Error& thrown) {
@@ -314,6 +340,8 @@ void JobPool::State::run(const JobPtr& job) {
   {
     const std::lock_guard lock(mutex);
     --running;
+    memory -= job->record.memory_bytes;
+    work.notify_all();
     if (job->record.state == JobState::cancelling) {
       // Even with a result in hand: the requester was told that it would not come.
       store_end(*job, ended(job->record, JobState::cancelled));
@@ -345,8 +373,9 @@ void JobPool::State::run(const JobPtr& job) {
   take_back(unneeded);
 }
 
-JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log)
-    : state_(std::make_unique<State>(options, catalog, blobs, std::move(runner), std::move(log))) {
+JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log,
+                 EndLog ended)
+    : state_(std::make_unique<State>(options, catalog, blobs, std::move(runner), std::move(log), std::move(ended))) {
   state_->take_up_unfinished();
   for (unsigned i = 0; i < std::max(1U, options.jobs_at_once); ++i)
     state_->workers.emplace_back([state = state_.get()] { state->work_on(); });
@@ -354,7 +383,8 @@ JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, Job
 
 JobPool::~JobPool() { stop(std::chrono::milliseconds(0)); }
 
-JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request) {
+JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request,
+                          const std::string& client, std::uint64_t memory_bytes) {
   State& s = *state_;
   const std::lock_guard lock(s.mutex);
   if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
@@ -366,13 +396,19 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
     job.record = std::move(record);
     return s.status(job);
   }
+  if (memory_bytes > s.options.memory_bytes) throw too_much(memory_bytes, s.options.memory_bytes);
   if (s.queue.size() >= s.options.queue_length)
     throw Error(ErrorCode::busy, "The server has as much work waiting as it accepts; try again in a while.");
+  if (s.queue.size_of(client) >= s.options.queue_per_client)
+    throw Error(ErrorCode::throttled,
+                "You have as many jobs waiting as one client may; try again when some of them are done.");
   JobRecord record;
   record.id = random_id("job");
   record.kind = kind;
   record.result_id = result_id;
   record.request = request;
+  record.client = client;
+  record.memory_bytes = memory_bytes;
   record.created = now();
   s.catalog.add_job(record);
   const auto job = std::make_shared<Job>(std::move(record));
@@ -450,7 +486,8 @@ JobStatus JobPool::cancel(const std::string& id) {
   } else if (record.state == JobState::queued) {
     record = State::ended(std::move(record), JobState::cancelled);
     s.catalog.update_job(record);
-    std::erase(s.queue, job);
+    s.queue.erase(job);
+    s.work.notify_all();
     s.end(*job, std::move(record));
   } else {
     record.state = JobState::cancelling;
@@ -486,7 +523,7 @@ void JobPool::stop(std::chrono::milliseconds grace) {
 
 JobPool::Load JobPool::load() const {
   const std::lock_guard lock(state_->mutex);
-  return {state_->queue.size(), state_->running};
+  return {state_->queue.size(), state_->running, state_->memory, state_->stopping};
 }
 
 }  // namespace spherule::server

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -24,6 +25,8 @@ struct JobPoolOptions {
   unsigned jobs_at_once = 1;      ///< worker threads, each running one job
   unsigned threads_per_job = 1;   ///< what a job's Context allows it
   std::size_t queue_length = 64;  ///< jobs that wait; one more is refused with busy
+  std::size_t queue_per_client = std::numeric_limits<std::size_t>::max();  ///< one client's; then throttled
+  std::uint64_t memory_bytes = std::numeric_limits<std::uint64_t>::max();  ///< for all running jobs, as they estimate
   unsigned crash_limit = 10;  ///< a job that ran while the process died this often fails instead of running once more
 };
 
@@ -62,6 +65,10 @@ class JobContext {
   /// One sentence for the requester; no line breaks. At most 100 are kept.
   virtual void warn(const std::string& sentence) = 0;
 
+  /// Corrects the job's estimate of its memory, now that more is known. The job goes on either way: others wait longer,
+  /// or start sooner. Throws unusable when it is more than all jobs together may have.
+  virtual void expect_memory(std::uint64_t bytes) = 0;
+
  protected:
   ~JobContext() = default;
 };
@@ -74,7 +81,13 @@ using JobRunner = std::function<Resource(const JobRecord& job, JobContext& conte
 /// Called with the text of an exception that is not an Error, for the log; never shown to requesters. Thread safe.
 using FaultLog = std::function<void(const std::string& job_id, const std::string& what)>;
 
+/// Called when a job is over, with the record as it was stored; for the log. Thread safe.
+using EndLog = std::function<void(const JobRecord& job)>;
+
 /// Thread safe. `catalog` and `blobs` outlive the pool.
+///
+/// Order: clients take turns (FairQueue). Admission: a job starts when its estimate fits beside those of the jobs that
+/// run, or when none runs; the next in turn is waited for and never overtaken, so that large work is not starved.
 ///
 /// Durability: a job that submit() returned runs, or ends with a reason, whatever happens to the process; `succeeded`
 /// is seen only after the result is in the catalogue. Should the catalogue refuse to store an end (full disk), the job
@@ -82,15 +95,19 @@ using FaultLog = std::function<void(const std::string& job_id, const std::string
 class JobPool {
  public:
   /// Takes up all unfinished jobs of the catalogue, oldest first (they may exceed the queue's length), then starts.
-  JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log = {});
+  JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, JobRunner runner, FaultLog log = {},
+          EndLog ended = {});
 
   /// As stop(0 s).
   ~JobPool();
 
   /// Queues work, or joins the unfinished job that makes the same result (one more requester). The caller has looked
   /// for a finished result before. Returns the job's status; its record.requesters tells whether it was joined.
-  /// Throws busy when the queue is full or the pool stops.
-  JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request);
+  /// `client` is whose turn it takes, `memory_bytes` an estimate of what the work needs at its peak. Throws busy when
+  /// the queue is full or the pool stops, throttled when this client's part of it is, and unusable, with the estimate,
+  /// when the work can never fit.
+  JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request,
+                   const std::string& client = {}, std::uint64_t memory_bytes = 0);
 
   /// Throws not_found.
   [[nodiscard]] JobStatus status(const std::string& id) const;
@@ -117,6 +134,8 @@ class JobPool {
 
   struct Load {
     std::size_t queued = 0, running = 0;
+    std::uint64_t memory_bytes = 0;  ///< of the running jobs, as estimated
+    bool stopping = false;
   };
   [[nodiscard]] Load load() const;
 

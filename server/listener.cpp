@@ -20,6 +20,7 @@
 #include "server/http/body.h"
 #include "server/http/encoding.h"
 #include "server/http/reply.h"
+#include "server/log.h"
 
 namespace spherule::server {
 
@@ -35,6 +36,15 @@ bool is_method(std::string_view method) {
   return std::ranges::find(methods, method) != methods.end();
 }
 
+std::unique_ptr<httplib::Server> make_server(const ListenerOptions& options) {
+  if (options.tls_certificate.empty()) return std::make_unique<httplib::Server>();
+  auto server = std::make_unique<httplib::SSLServer>(options.tls_certificate.c_str(), options.tls_key.c_str());
+  if (!server->is_valid()) {
+    throw Error(ErrorCode::invalid_argument, "The TLS certificate and key cannot be read, or do not belong together.");
+  }
+  return server;
+}
+
 // Our own mark on answers; the library's own have none.
 constexpr const char* kOurs = "X-Request-Id";
 
@@ -44,10 +54,13 @@ struct Listener::State {
   ListenerOptions options;
   Handler handler;
   AccessLog log;
-  httplib::Server http;
+  const std::unique_ptr<httplib::Server> made;
+  httplib::Server& http;
   std::uint16_t port = 0;
   std::atomic<bool> stopping{false}, finished{false};
   std::atomic<std::size_t> streams{0};
+
+  explicit State(ListenerOptions o) : options(std::move(o)), made(make_server(options)), http(*made) {}
 
   void serve(httplib::Request& request, httplib::Response& response, const httplib::ContentReader* reader);
   void reply(Response&& answer, bool packed, Close close, httplib::Response& response);
@@ -109,7 +122,7 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
   if (log) {
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
     log({asked.id, is_method(asked.method) ? asked.method : "?", std::string(answer.route), answer.status,
-         seconds.count()});
+         seconds.count(), trace_of(asked)});
   }
   reply(std::move(answer), packed, std::move(close), response);
 }
@@ -117,16 +130,16 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
 // What the library refuses by itself: requests that it cannot parse.
 void Listener::State::send_own(const httplib::Request& request, Response&& problem, httplib::Response& response) {
   const std::string id(problem.header(kOurs));
-  if (log) log({id, is_method(request.method) ? request.method : "?", {}, problem.status, 0});
+  if (log) log({id, is_method(request.method) ? request.method : "?", {}, problem.status, 0, {}});
   response.headers.clear();
   response.body.clear();
   reply(
       std::move(problem), false, [] {}, response);
 }
 
-Listener::Listener(ListenerOptions options, Handler handler, AccessLog log) : state_(std::make_unique<State>()) {
+Listener::Listener(ListenerOptions options, Handler handler, AccessLog log)
+    : state_(std::make_unique<State>(std::move(options))) {
   State& s = *state_;
-  s.options = std::move(options);
   s.handler = std::move(handler);
   s.log = std::move(log);
   const std::size_t threads = s.options.max_requests + s.options.max_streams;

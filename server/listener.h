@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -15,13 +16,14 @@ namespace spherule::server {
 
 struct ListenerOptions {
   std::string host = "127.0.0.1";
-  std::uint16_t port = 0;             ///< 0: any free one
-  std::uint64_t max_body_bytes = 0;   ///< bodies announced larger are refused before they are sent
-  std::size_t max_streams = 32;       ///< event streams at once; further ones are refused
-  std::size_t max_requests = 96;      ///< answered at once beside the streams; further ones wait
-  unsigned read_timeout_s = 15;       ///< for the next piece of a request
-  unsigned write_timeout_s = 30;      ///< for the next piece of an answer
-  unsigned keep_alive_timeout_s = 5;  ///< for the next request of a connection
+  std::uint16_t port = 0;                          ///< 0: any free one
+  std::filesystem::path tls_certificate, tls_key;  ///< PEM; empty: plain HTTP
+  std::uint64_t max_body_bytes = 0;                ///< bodies announced larger are refused before they are sent
+  std::size_t max_streams = 32;                    ///< event streams at once; further ones are refused
+  std::size_t max_requests = 96;                   ///< answered at once beside the streams; further ones wait
+  unsigned read_timeout_s = 15;                    ///< for the next piece of a request
+  unsigned write_timeout_s = 30;                   ///< for the next piece of an answer
+  unsigned keep_alive_timeout_s = 5;               ///< for the next request of a connection
 };
 
 /// What one answered request was, without anything that a client wrote.
@@ -30,7 +32,8 @@ struct AccessRecord {
   std::string method;
   std::string route;  ///< template of the path; empty when nothing is there
   int status = 0;
-  double seconds = 0;  ///< until the answer was ready to be sent
+  double seconds = 0;   ///< until the answer was ready to be sent
+  std::string trace{};  ///< 32 hex digits of the request's W3C traceparent, if it had a good one
 };
 
 class Listener {
@@ -39,7 +42,7 @@ class Listener {
   using Handler = std::function<api::Response(const api::Request&)>;
   using AccessLog = std::function<void(const AccessRecord&)>;
 
-  /// Binds the address. Throws busy when it is taken, invalid_argument when it is none.
+  /// Binds the address. Throws busy when it is taken or none, invalid_argument when certificate and key are no pair.
   Listener(ListenerOptions options, Handler handler, AccessLog log = {});
   ~Listener();
   Listener(const Listener&) = delete;

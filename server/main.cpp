@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// spheruled: configuration -> store -> jobs -> listener, until SIGTERM or SIGINT.
+// spheruled: configuration -> store -> jobs -> listener, until SIGTERM or SIGINT; and the operator's commands.
+#include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
+#include <map>
 #include <span>
 #include <string>
 #include <thread>
@@ -11,21 +14,40 @@
 #include "api/routes.h"
 #include "core/base/error.h"
 #include "server/config.h"
+#include "server/digest.h"
+#include "server/fsck.h"
+#include "server/gate.h"
 #include "server/listener.h"
+#include "server/log.h"
 #include "server/pipeline.h"
 
 namespace {
 
 using namespace spherule;
 
-// One line an answered request, on stderr; nothing that a client wrote is in it.
 void log_access(const server::AccessRecord& r) {
-  std::fprintf(stderr, "%s %s %s %d %.3f s\n", r.request_id.c_str(), r.method.c_str(),
-               r.route.empty() ? "-" : r.route.c_str(), r.status, r.seconds);
+  log(server::LogLine("request")
+          .add("request", r.request_id)
+          .add("method", r.method)
+          .add_if("route", r.route)
+          .add("status", std::int64_t{r.status})
+          .add("seconds", r.seconds)
+          .add_if("trace", r.trace));
+}
+
+void log_job(const server::JobRecord& job) {
+  const std::chrono::duration<double> seconds = *job.finished - job.started.value_or(*job.finished);
+  log(server::LogLine("job")
+          .add("job", job.id)
+          .add("kind", job.kind)
+          .add_if("client", job.client)
+          .add("result", job.result_id)
+          .add("state", to_string(job.state))
+          .add("seconds", seconds.count()));
 }
 
 void log_fault(const std::string& job, const std::string& what) {
-  std::fprintf(stderr, "%s failed by a defect of this program: %s\n", job.c_str(), what.c_str());
+  log(server::LogLine("fault").add("job", job).add("what", what));
 }
 
 int serve(const server::Config& config) {
@@ -36,35 +58,90 @@ int serve(const server::Config& config) {
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
-  server::Pipeline pipeline(config, log_fault);
+  server::AppendLog audit(config.audit_log);
+  server::Pipeline pipeline(
+      config, {.fault = log_fault,
+               .job_ended = log_job,
+               .expired =
+                   [&](const std::string& id) {
+                     const auto event =
+                         server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
+                     if (!audit.append(event, false)) log(event);
+                   },
+               .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); }});
+  // One for each who may ask: event streams keep theirs.
+  std::map<std::string, server::Pipeline> clients;
+  clients.emplace("local", pipeline.on_behalf_of("local"));
+  for (const server::ApiKey& key : config.keys) clients.emplace(key.name, pipeline.on_behalf_of(key.name));
+  const server::Gate gate(config.keys, audit);
   server::Listener listener(
       {.host = config.host,
        .port = config.port,
+       .tls_certificate = config.tls_certificate,
+       .tls_key = config.tls_key,
        .max_body_bytes = config.max_body_bytes,
        .max_streams = config.max_streams},
-      [&](const api::Request& request) { return api::handle(pipeline, request); }, log_access);
+      [&](const api::Request& request) {
+        return gate.pass(request, [&](const std::string& client) { return api::handle(clients.at(client), request); });
+      },
+      log_access);
   std::jthread network([&] { listener.run(); });
-  std::printf("Spherule listens on http://%s:%d\n", config.host.c_str(), int{listener.port()});
+  std::printf("Spherule listens on %s://%s:%d\n", config.tls_key.empty() ? "http" : "https", config.host.c_str(),
+              int{listener.port()});
   std::fflush(stdout);
 
   int signal = 0;
   sigwait(&signals, &signal);
-  std::fprintf(stderr, "Stopping; jobs that are not done run again at the next start.\n");
+  log(server::LogLine("stopping"));
+  // Answering goes on meanwhile; a second signal ends the patience.
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  pipeline.stop(config.drain);
   listener.stop();
-  pipeline.stop(std::chrono::seconds(2));
+  log(server::LogLine("stopped"));
   return 0;
+}
+
+int make_key(const server::CommandLine& line) {
+  const std::string token = server::new_token();
+  const server::ApiKey key{line.operand, line.scope, server::sha256_hex(token)};
+  std::printf(
+      "The token, for the client; it is not kept anywhere and not shown again:\n\n  %s\n\n"
+      "Add this to `keys` of the configuration file (or SPHERULE_KEYS) and restart the server:\n\n  \"%s\"\n",
+      token.c_str(), to_string(key).c_str());
+  return 0;
+}
+
+int print(const server::StoreReport& report, const char* kept) {
+  for (const server::Finding& finding : report.findings)
+    std::printf("%s%s%s\n", std::string(to_string(finding.kind)).c_str(), finding.what.empty() ? "" : ": ",
+                finding.what.c_str());
+  std::printf("%s: %llu resources, %llu blobs, %llu bytes; %zu findings\n", kept,
+              static_cast<unsigned long long>(report.resources), static_cast<unsigned long long>(report.blobs),
+              static_cast<unsigned long long>(report.bytes), report.findings.size());
+  return report.findings.empty() ? 0 : 2;
+}
+
+int run(const server::CommandLine& line) {
+  using Command = server::CommandLine::Command;
+  switch (line.command) {
+    case Command::help: std::fputs(server::usage().c_str(), stdout); return 0;
+    case Command::check_config: return 0;
+    case Command::print_config: std::fputs(to_toml(line.config).c_str(), stdout); return 0;
+    case Command::key: return make_key(line);
+    case Command::fsck: return print(server::check_store(line.config.data, line.repair), "Good");
+    case Command::backup: return print(server::copy_store(line.config.data, line.operand), "Copied");
+    case Command::restore: return print(server::copy_store(line.operand, line.config.data), "Restored");
+    case Command::serve: break;
+  }
+  return serve(line.config);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   try {
-    const auto config = server::parse_config(std::span<const char* const>(argv + 1, argv + argc));
-    if (!config) {
-      std::fputs(server::usage().c_str(), stdout);
-      return 0;
-    }
-    return serve(*config);
+    return run(server::parse_command_line(std::span<const char* const>(argv + 1, argv + argc),
+                                          [](const char* name) { return std::getenv(name); }));
   } catch (const std::exception& error) {
     std::fprintf(stderr, "spheruled: %s\n", error.what());
     return 1;

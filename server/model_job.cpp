@@ -7,7 +7,9 @@
 #include <utility>
 
 #include "api/documents.h"
+#include "core/boundary.h"
 #include "core/pipeline.h"
+#include "server/memory.h"
 
 namespace spherule::server {
 
@@ -43,7 +45,14 @@ Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
   info.id = record.result_id;
   info.algorithm_version = algorithm_version_text();
   info.source = request;
-  info.voxels = measure_voxels(volume.grid, classify_samples(volume, request.rule, context).inside);
+  {
+    const InsideSamples samples = classify_samples(volume, request.rule, context);
+    info.voxels = measure_voxels(volume.grid, samples.inside);
+    // Half a per cent of the work, for an estimate that is not a guess.
+    const std::size_t points =
+        extract_boundary(volume, request.rule, samples, store.config.max_boundary_points, context).points.size();
+    job.expect_memory(memory_to_model(volume.grid, volume.type, points));
+  }
   watch.lap("voxels");
 
   BuiltModel built = build_model(volume, request.rule, {.max_points = store.config.max_boundary_points}, context);

@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/pipeline.h"
 
+#include <unistd.h>
+
+#include <algorithm>
 #include <array>
+#include <condition_variable>
+#include <mutex>
 #include <semaphore>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "api/documents.h"
@@ -11,6 +17,7 @@
 #include "core/io/export.h"
 #include "core/spheres.h"
 #include "server/answer_job.h"
+#include "server/memory.h"
 #include "server/model_job.h"
 #include "server/store.h"
 #include "server/upload.h"
@@ -75,19 +82,52 @@ struct Pipeline::State {
   // Jobs come after the store, which they use.
   Store store;
   std::counting_semaphore<kWaiters> waiters{kWaiters};
+  PipelineLogs logs;
   JobPool pool;
+  std::mutex mutex;
+  std::condition_variable_any wake;
+  std::jthread sweeper;  // of what is over its time
 
-  State(const Config& config, FaultLog log)
+  State(const Config& config, PipelineLogs given)
       : store(config),
+        logs(std::move(given)),
         pool(
             {.jobs_at_once = config.jobs_at_once,
              .threads_per_job = config.threads_per_job(),
-             .queue_length = config.queue_length},
+             .queue_length = config.queue_length,
+             .queue_per_client = config.queue_per_client,
+             .memory_bytes = config.job_memory_bytes},
             store.catalog, store.blobs,
             [this](const JobRecord& record, JobContext& context) {
               return record.kind == "model" ? run_model(store, record, context) : run_answer(store, record, context);
             },
-            std::move(log)) {}
+            logs.fault, logs.job_ended) {
+    sweeper = std::jthread([this](const std::stop_token& stop) { sweep(stop); });
+  }
+
+  // Every hour, or ten times within the shortest time that anything is kept.
+  void sweep(const std::stop_token& stop) {
+    std::chrono::seconds period{3600};
+    const std::chrono::seconds keep_jobs = store.config.keep_jobs;
+    std::vector<Keeping> times = store.keeping();
+    times.push_back({"jobs", keep_jobs});
+    for (const Keeping& keep : times) {
+      if (keep.unused.count() > 0) period = std::min(period, std::max(keep.unused / 10, std::chrono::seconds(1)));
+    }
+    std::unique_lock lock(mutex);
+    while (!stop.stop_requested()) {
+      try {
+        expire(store.catalog, store.keeping(), now(), [&](const std::string& id) {
+          store.remove(id);
+          if (logs.expired) logs.expired(id);
+        });
+        if (keep_jobs.count() > 0) store.catalog.forget_jobs(now() - keep_jobs);
+      } catch (const Error& error) {
+        if (logs.fault) logs.fault("retention", error.what());
+      }
+      wake.wait_for(lock, stop, period, [] { return false; });
+    }
+  }
 
   // Waits for a job that makes something, and throws when it did not.
   JobStatus wait_for(JobStatus status, Seconds wait) {
@@ -121,7 +161,8 @@ struct Pipeline::State {
   }
 };
 
-Pipeline::Pipeline(const Config& config, FaultLog log) : state_(std::make_unique<State>(config, std::move(log))) {}
+Pipeline::Pipeline(const Config& config, PipelineLogs logs)
+    : state_(std::make_shared<State>(config, std::move(logs))) {}
 Pipeline::~Pipeline() = default;
 
 void Pipeline::stop(std::chrono::milliseconds grace) { state_->pool.stop(grace); }
@@ -139,7 +180,12 @@ api::Limits Pipeline::limits() const {
 
 api::Readiness Pipeline::readiness() const {
   if (state_->store.blobs.free_bytes() == 0) return {false, "The disk is full; make room for the server's data."};
-  if (state_->pool.load().queued >= state_->store.config.queue_length) {
+  if (::access(state_->store.config.data.c_str(), W_OK) != 0) {
+    return {false, "The data folder cannot be written; its operator must check the disk and the permissions."};
+  }
+  const JobPool::Load load = state_->pool.load();
+  if (load.stopping) return {false, "The server is stopping; ask another one, or this one once it is back."};
+  if (load.queued >= state_->store.config.queue_length) {
     return {false, "The queue of jobs is full; try again when some are done."};
   }
   return {true, {}};
@@ -203,7 +249,7 @@ VolumeInfo Pipeline::volume(const std::string& id) { return api::volume_from(sta
 api::Content Pipeline::volume_content(const std::string& id, std::size_t index) {
   const Resource resource = state_->store.find_volume(id);
   if (index >= resource.blobs.size()) not_found("file");
-  return content_of(state_->store.blobs.open(resource.blobs[index]));
+  return content_of(state_->store.intact(resource.blobs[index]));
 }
 
 std::vector<std::uint64_t> Pipeline::value_histogram(const std::string& id, std::size_t buckets) {
@@ -216,15 +262,17 @@ std::vector<std::uint64_t> Pipeline::value_histogram(const std::string& id, std:
 
 void Pipeline::delete_volume(const std::string& id) {
   static_cast<void>(state_->store.find_volume(id));
-  withdraw(state_->store.catalog, state_->store.blobs, id);
+  state_->store.remove(id);
 }
 
 api::Outcome<api::StoredModel> Pipeline::make_model(const api::ModelRequest& request, Seconds wait) {
   Store& s = state_->store;
-  static_cast<void>(s.find_volume(request.volume));
+  const Resource volume = s.find_volume(request.volume);
   const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  if (const auto known = s.catalog.find(id)) return api::StoredModel{api::model_from(known->document), true};
-  const JobStatus status = state_->wait_for(state_->pool.submit("model", id, api::record_of(request)), wait);
+  if (const auto known = s.find_any(id)) return api::StoredModel{api::model_from(known->document), true};
+  const VolumeInfo info = api::volume_from(volume.document);
+  const JobStatus status = state_->wait_for(
+      state_->pool.submit("model", id, api::record_of(request), client_, memory_to_model(info.grid, info.type)), wait);
   if (status.record.state != JobState::succeeded) return job_info(status);
   return api::StoredModel{model(id), false};
 }
@@ -265,9 +313,7 @@ ModelInfo Pipeline::model(const std::string& id) { return api::model_from(state_
 
 void Pipeline::delete_model(const std::string& id) {
   static_cast<void>(state_->store.find_model(id));
-  withdraw(state_->store.catalog, state_->store.blobs, id);
-  state_->store.cache.erase(id);
-  state_->store.contributions.erase(Store::contributions_id(id));
+  state_->store.remove(id);
 }
 
 api::SpherePage Pipeline::spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
@@ -302,10 +348,20 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Secon
     static_cast<void>(s.find_model(render->with));
   }
   const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
-  if (const auto known = s.catalog.find(id)) return content_of(s.blobs.open(known->blobs.at(0)));
-  const JobStatus status = state_->wait_for(state_->pool.submit(kind_of(request), id, api::record_of(request)), wait);
+  if (const auto known = s.find_any(id)) {
+    try {
+      return content_of(s.intact(known->blobs.at(0)));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
+      if (state_->logs.damaged) state_->logs.damaged(id);
+      s.remove(id);
+    }
+  }
+  const JobStatus status = state_->wait_for(state_->pool.submit(kind_of(request), id, api::record_of(request), client_,
+                                                                memory_to_derive(api::model_from(model.document))),
+                                            wait);
   if (status.record.state != JobState::succeeded) return job_info(status);
-  return content_of(s.blobs.open(s.find(id, answers_collection, "model").blobs.at(0)));
+  return content_of(s.intact(s.find(id, answers_collection, "model").blobs.at(0)));
 }
 
 api::Page<JobInfo> Pipeline::jobs(const api::PageRequest& page) {

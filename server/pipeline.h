@@ -8,7 +8,10 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "api/service.h"
 #include "server/config.h"
@@ -16,12 +19,23 @@
 
 namespace spherule::server {
 
+/// What is to be logged; each may be empty. Called from many threads.
+struct PipelineLogs {
+  FaultLog fault;
+  EndLog job_ended;
+  std::function<void(const std::string& id)> expired;  ///< not used for longer than such things are kept
+  std::function<void(const std::string& id)> damaged;  ///< a stored answer, which is made again
+};
+
 class Pipeline final : public api::Service {
  public:
   /// Opens the store in config.data (made if needed) and takes up the jobs that an earlier process left. Throws busy
   /// when another process uses that folder, and what Catalog and FileBlobStore throw.
-  explicit Pipeline(const Config& config, FaultLog log = {});
+  explicit Pipeline(const Config& config, PipelineLogs logs = {});
   ~Pipeline() override;
+
+  /// The same pipeline, whose jobs take this client's turns.
+  Pipeline on_behalf_of(std::string client) const { return {state_, std::move(client)}; }
 
   /// Starts no more jobs, gives running ones `grace` to finish and then stops them; they run again at the next start.
   /// Ends every wait.
@@ -53,7 +67,10 @@ class Pipeline final : public api::Service {
 
  private:
   struct State;
-  std::unique_ptr<State> state_;
+  Pipeline(std::shared_ptr<State> state, std::string client) : state_(std::move(state)), client_(std::move(client)) {}
+
+  std::shared_ptr<State> state_;
+  std::string client_;
 };
 
 }  // namespace spherule::server

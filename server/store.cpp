@@ -18,11 +18,10 @@ void not_found(const char* what) {
   throw Error(ErrorCode::not_found, std::string("There is no such ") + what + "; it was deleted or never made.");
 }
 
-api::Content content_of(Blob blob) {
-  const auto shared = std::make_shared<const Blob>(std::move(blob));
-  return {.bytes = shared->size(),
-          .sha256 = shared->sha256(),
-          .read_at = [shared](std::uint64_t offset, std::span<char> out) { return shared->read_at(offset, out); }};
+api::Content content_of(std::shared_ptr<const Blob> blob) {
+  return {.bytes = blob->size(),
+          .sha256 = blob->sha256(),
+          .read_at = [blob](std::uint64_t offset, std::span<char> out) { return blob->read_at(offset, out); }};
 }
 
 void Stopwatch::lap(const std::string& stage) {
@@ -37,12 +36,43 @@ Store::Store(const Config& given)
       blobs((given.blob_folder())),
       cache(given.model_cache_bytes),
       contributions(given.model_cache_bytes / 4),
+      open_blobs(256),
       heavy(static_cast<std::ptrdiff_t>(given.jobs_at_once)) {
   remove_orphans(catalog, blobs);
 }
 
-Resource Store::find(const std::string& id, const char* collection, const char* what) const {
+std::vector<Keeping> Store::keeping() const {
+  return {{answers_collection, config.keep_answers},
+          {models_collection, config.keep_models},
+          {volumes_collection, config.keep_volumes}};
+}
+
+std::optional<Resource> Store::find_any(const std::string& id) {
   auto resource = catalog.find(id);
+  std::chrono::seconds shortest{0};
+  for (const Keeping& keep : keeping()) {
+    if (keep.unused.count() > 0 && (shortest.count() == 0 || keep.unused < shortest)) shortest = keep.unused;
+  }
+  if (resource && shortest.count() > 0 && now() - resource->used >= use_is_noted_after(shortest)) catalog.touch(id);
+  return resource;
+}
+
+void Store::remove(const std::string& id) {
+  for (const std::string& key : withdraw(catalog, blobs, id)) open_blobs.erase(key);
+  cache.erase(id);
+  contributions.erase(contributions_id(id));
+}
+
+std::shared_ptr<const Blob> Store::intact(const std::string& key) {
+  return open_blobs.get_or_load(key, [&] {
+    auto blob = std::make_shared<Blob>(blobs.open(key));
+    blob->verify();
+    return Cache<Blob>::Loaded{std::move(blob), 1};
+  });
+}
+
+Resource Store::find(const std::string& id, const char* collection, const char* what) {
+  auto resource = find_any(id);
   if (!resource || resource->collection != collection) not_found(what);
   return std::move(*resource);
 }
@@ -127,7 +157,12 @@ Resource Store::keep(const std::string& model, const UnionMeasures& whole) {
 }
 
 UnionMeasures Store::union_of(const Resource& resource, const SphereModel& model, const Context& context) {
-  if (const auto known = catalog.find(contributions_id(resource.id))) return read_union_of(*known, model);
+  if (const auto known = catalog.find(contributions_id(resource.id))) try {
+      return read_union_of(*known, model);
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
+      remove(known->id);
+    }
   UnionMeasures whole = measure_union(model, context);
   publish(catalog, blobs, keep(resource.id, whole));
   return whole;

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <map>
 #include <memory>
+#include <optional>
 #include <semaphore>
 #include <string>
 #include <vector>
@@ -21,6 +22,7 @@
 #include "server/catalog.h"
 #include "server/config.h"
 #include "server/listing.h"
+#include "server/retention.h"
 
 namespace spherule::server {
 
@@ -36,7 +38,7 @@ std::string algorithm_version_text();
 [[noreturn]] void not_found(const char* what);
 
 /// Stored bytes as the interface hands them out.
-api::Content content_of(Blob blob);
+api::Content content_of(std::shared_ptr<const Blob> blob);
 
 /// Seconds of each stage, by name.
 class Stopwatch {
@@ -72,9 +74,21 @@ struct Store {
   /// For work within a request.
   Context request_context() const { return {.threads = config.threads_per_job(), .cancel = {}, .progress = {}}; }
 
-  Resource find(const std::string& id, const char* collection, const char* what) const;
-  Resource find_volume(const std::string& id) const { return find(id, volumes_collection, "volume"); }
-  Resource find_model(const std::string& id) const { return find(id, models_collection, "model"); }
+  /// Finding is using: it is noted for the retention, where there is one.
+  std::optional<Resource> find_any(const std::string& id);
+  Resource find(const std::string& id, const char* collection, const char* what);
+  Resource find_volume(const std::string& id) { return find(id, volumes_collection, "volume"); }
+  Resource find_model(const std::string& id) { return find(id, models_collection, "model"); }
+
+  /// Deletes the resource, all that was made from it, and their blobs. Throws not_found.
+  void remove(const std::string& id);
+
+  /// The blob of a key, its digest verified. The last few hundred stay open, and are not verified again: damage that
+  /// happens to a file while it is among them is found by the next start, or by fsck.
+  std::shared_ptr<const Blob> intact(const std::string& key);
+
+  /// How long things are kept, as configured.
+  std::vector<Keeping> keeping() const;
 
   /// Reads files of these names; a single one needs none.
   Volume read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
@@ -98,6 +112,7 @@ struct Store {
   FileBlobStore blobs;
   Cache<SphereModel> cache;
   Cache<Contributions> contributions;
+  Cache<Blob> open_blobs;  // counted, not weighed
   std::counting_semaphore<> heavy;
 };
 

@@ -18,7 +18,8 @@ constexpr std::size_t kMaxFiles = 4096;
 }  // namespace
 
 FileUpload::FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced) : blobs_(blobs), limit_(limit) {
-  first_ = announced > 0 ? blobs.stage(limit, announced) : blobs.stage(limit);
+  // Of an unknown length, at least one byte.
+  first_ = blobs.stage(limit, std::max<std::uint64_t>(announced, 1));
 }
 
 void FileUpload::begin_file(std::string_view name) {

@@ -25,6 +25,7 @@ enum class ErrorCode {
   conflict,          ///< the resource's state forbids it
   no_space,          ///< storage is full
   busy,              ///< try again later
+  throttled,         ///< the caller has as much under way as one caller may; try again later
   cancelled,         ///< the caller asked to stop
   corrupt,           ///< stored data failed its checksum
 };

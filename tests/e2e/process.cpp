@@ -28,6 +28,32 @@ TemporaryFolder::~TemporaryFolder() {
   std::filesystem::remove_all(path_, ignored);
 }
 
+Ended run_spheruled(const std::vector<std::string>& arguments) {
+  std::array<int, 2> out{};
+  if (::pipe2(out.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe");
+  std::vector<std::string> words = {SPHERULED};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, out[1], STDERR_FILENO);
+  pid_t pid = -1;
+  const int failed = ::posix_spawn(&pid, SPHERULED, &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  ::close(out[1]);
+  Ended ended;
+  std::array<char, 4096> piece{};
+  for (ssize_t n; failed == 0 && (n = ::read(out[0], piece.data(), piece.size())) > 0;)
+    ended.output.append(piece.data(), static_cast<std::size_t>(n));
+  ::close(out[0]);
+  int status = 0;
+  if (failed == 0 && ::waitpid(pid, &status, 0) == pid && WIFEXITED(status)) ended.status = WEXITSTATUS(status);
+  return ended;
+}
+
 ServerProcess::ServerProcess(const std::filesystem::path& data, std::vector<std::string> flags)
     : log_(data.string() + ".log") {
   std::array<int, 2> out{};

@@ -24,6 +24,13 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
+struct Ended {
+  int status = -1;     ///< exit status; -1 when a signal ended it
+  std::string output;  ///< of stdout and stderr together
+};
+/// Runs spheruled with these arguments to its end.
+Ended run_spheruled(const std::vector<std::string>& arguments);
+
 class ServerProcess {
  public:
   /// Starts spheruled and waits until it says where it listens. Throws runtime_error, with what it said on stderr,

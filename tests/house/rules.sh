@@ -34,6 +34,7 @@ only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
 only_in ITK 'itk[A-Z]\w+\.h' '^core/io/\w+\.cpp$'
 only_in nifti 'nifti' '^core/io/\w+\.cpp$'
 only_in OpenVDB 'openvdb/' '^core/io/\w+\.cpp$|^tests/io/\w+\.cpp$'
+only_in toml++ 'toml' '^server/config\.cpp$'
 forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
 
 # Code depends one way: core knows nobody, api knows core, server knows both, clients/cli only core.

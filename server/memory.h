@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// How much memory a job will need at its peak: what admission goes by. Coefficients come from measured peaks of the
+// stages (tests/bench: `tests/bench/run memory`), rounded up; they are estimates, not bounds.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "api/service.h"
+#include "core/volume.h"
+
+namespace spherule::server {
+
+/// Of making a model, before the volume is looked at: as if its surface were as rich as that of the richest scans (a
+/// boundary point for every 8 samples, and no more than 24 n^(2/3) of them).
+std::uint64_t memory_to_model(const Grid& grid, VoxelType type);
+
+/// The same once the boundary points are known.
+std::uint64_t memory_to_model(const Grid& grid, VoxelType type, std::size_t boundary_points);
+
+/// Of deriving an answer from a model.
+std::uint64_t memory_to_derive(const api::ModelInfo& model);
+
+}  // namespace spherule::server

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/gate.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "server/digest.h"
+#include "tests/server/doubles.h"
+
+namespace spherule::server {
+namespace {
+
+const std::string volume = "vol_" + std::string(32, '1'), model = "mdl_" + std::string(32, '2');
+
+class GateTest : public testing::Test {
+ protected:
+  test::TemporaryFolder folder;
+  AppendLog audit{folder.path() / "audit.log"};
+  std::string token = new_token();
+  std::vector<std::string> passed;  // clients
+
+  api::Response pass(const Gate& gate, api::Request request, int status = 200, const std::string& location = {}) {
+    request.id = "req_1";
+    return gate.pass(request, [&](const std::string& client) {
+      passed.push_back(client);
+      api::Response response{.status = status};
+      if (!location.empty()) response.set("Location", location);
+      response.route = "/the/{route}";
+      return response;
+    });
+  }
+  Gate with(Scope scope) { return {{{"ward", scope, sha256_hex(token)}}, audit}; }
+  api::Request request(const std::string& method, const std::string& path) const {
+    api::Request r;
+    r.method = method;
+    r.path = path;
+    r.headers = {{"authorization", "Bearer " + token}};
+    return r;
+  }
+  std::string events() const {
+    std::ostringstream text;
+    text << std::ifstream(folder.path() / "audit.log").rdbuf();
+    return text.str();
+  }
+};
+
+TEST_F(GateTest, WithoutKeysEverybodyPasses) {
+  const Gate open({}, audit);
+  EXPECT_EQ(pass(open, {.method = "DELETE", .path = "/v1/volumes/" + volume}, 204).status, 204);
+  EXPECT_EQ(passed, std::vector<std::string>{"local"});
+  EXPECT_NE(events().find("\"who\":\"local\",\"action\":\"DELETE /the/{route}\",\"object\":\"" + volume +
+                          "\",\"outcome\":\"allowed\",\"status\":204,\"request\":\"req_1\""),
+            std::string::npos)
+      << events();
+}
+
+TEST_F(GateTest, AsksForAKey) {
+  const Gate gate = with(Scope::read);
+  for (const std::string& shown : {std::string(), std::string("Bearer x"), "Basic " + token}) {
+    api::Request asked = request("GET", "/v1/volumes");
+    asked.headers = {{"Authorization", shown}};
+    const api::Response refused = pass(gate, asked);
+    EXPECT_EQ(refused.status, 401);
+    EXPECT_EQ(refused.header("WWW-Authenticate"), "Bearer realm=\"spherule\"");
+    EXPECT_EQ(refused.header("Content-Type"), "application/problem+json");
+    EXPECT_EQ(refused.header("X-Request-Id"), "req_1");
+  }
+  EXPECT_TRUE(passed.empty());
+  EXPECT_EQ(pass(gate, {.method = "GET", .path = "/livez"}).status, 200);
+  EXPECT_EQ(pass(gate, request("GET", "/v1/volumes")).status, 200);
+  EXPECT_EQ(passed, (std::vector<std::string>{"local", "ward"}));
+}
+
+TEST_F(GateTest, AsksForTheScope) {
+  const api::Response refused = pass(with(Scope::read), request("POST", "/v1/models"));
+  EXPECT_EQ(refused.status, 403);
+  EXPECT_EQ(refused.header("WWW-Authenticate"),
+            "Bearer realm=\"spherule\", error=\"insufficient_scope\", scope=\"write\"");
+  EXPECT_EQ(pass(with(Scope::write), request("DELETE", "/v1/models/" + model)).status, 403);
+  EXPECT_TRUE(passed.empty());
+  EXPECT_EQ(pass(with(Scope::write), request("POST", "/v1/models")).status, 200);
+  EXPECT_EQ(pass(with(Scope::admin), request("DELETE", "/v1/models/" + model)).status, 200);
+  EXPECT_EQ(pass(with(Scope::admin), request("GET", "/v1/models/" + model)).status, 200);
+}
+
+TEST_F(GateTest, WritesDownWhoDidWhatToWhat) {
+  const Gate gate = with(Scope::write);
+  pass(gate, request("POST", "/v1/models"), 201, "/v1/models/" + model);
+  EXPECT_NE(events().find("\"who\":\"ward\",\"action\":\"POST /the/{route}\",\"object\":\"" + model +
+                          "\",\"outcome\":\"allowed\",\"status\":201"),
+            std::string::npos)
+      << events();
+  pass(gate, request("GET", "/v1/volumes/" + volume + "/content"));
+  EXPECT_NE(events().find("\"action\":\"GET /the/{route}\",\"object\":\"" + volume + "\""), std::string::npos);
+  pass(gate, request("POST", "/v1/volumes"), 507);
+  EXPECT_NE(events().find("\"outcome\":\"failed\",\"status\":507"), std::string::npos);
+  pass(gate, request("DELETE", "/v1/volumes/" + volume));
+  EXPECT_NE(events().find("\"who\":\"ward\",\"action\":\"DELETE \",\"object\":\"" + volume +
+                          "\",\"outcome\":\"denied\",\"status\":403"),
+            std::string::npos)
+      << events();
+}
+
+TEST_F(GateTest, LeavesOutWhatTellsNothing) {
+  const Gate gate = with(Scope::read);
+  for (const std::string& path : {std::string("/v1/jobs/job_") + std::string(32, '3'), std::string("/version"),
+                                  std::string("/v1/volumes"), std::string("/livez")})
+    pass(gate, request("GET", path));
+  EXPECT_EQ(events(), "");
+}
+
+TEST_F(GateTest, RepeatsNothingThatAClientWrote) {
+  const Gate gate = with(Scope::write);
+  api::Request telling = request("POST", "/v1/volumes/DOE^JOHN^19620401");
+  telling.query = {{"name", "DOE"}};
+  telling.headers.emplace_back("traceparent", "00-DOE^JOHN");
+  telling.headers.emplace_back("User-Agent", "DOE");
+  pass(gate, telling);
+  telling.headers[0].second = "Bearer DOE";
+  pass(gate, telling);
+  EXPECT_EQ(events().find("DOE"), std::string::npos) << events();
+  EXPECT_EQ(events().find(token), std::string::npos);
+}
+
+}  // namespace
+}  // namespace spherule::server
