@@ -32,4 +32,8 @@ std::uint64_t memory_to_derive(const api::ModelInfo& model) {
   return model.tetrahedra > 0 ? model.tetrahedra * bytes_a_tetrahedron : model.spheres * bytes_a_sphere;
 }
 
+std::uint64_t memory_to_slice(const api::VolumeInfo& volume) {
+  return volume.grid.sample_count() * bytes_per_voxel(volume.type);
+}
+
 }  // namespace spherule::server

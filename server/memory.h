@@ -22,4 +22,7 @@ std::uint64_t memory_to_model(const Grid& grid, VoxelType type, std::size_t boun
 /// Of deriving an answer from a model.
 std::uint64_t memory_to_derive(const api::ModelInfo& model);
 
+/// Of drawing a slice: the whole volume is read.
+std::uint64_t memory_to_slice(const api::VolumeInfo& volume);
+
 }  // namespace spherule::server

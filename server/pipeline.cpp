@@ -339,10 +339,15 @@ RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t bu
 
 api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Seconds wait) {
   Store& s = state_->store;
+  std::uint64_t memory = 0;
   if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) {
-    static_cast<void>(s.find_volume(slice->volume));
-  } else if (s.find_model(request.model).inputs.empty() && std::holds_alternative<api::ChecksRequest>(request.what)) {
-    throw Error(ErrorCode::unusable, "Imported spheres have no scan to be checked against; ask for their measures.");
+    memory = memory_to_slice(api::volume_from(s.find_volume(slice->volume).document));
+  } else {
+    const Resource model = s.find_model(request.model);
+    if (model.inputs.empty() && std::holds_alternative<api::ChecksRequest>(request.what)) {
+      throw Error(ErrorCode::unusable, "Imported spheres have no scan to be checked against; ask for their measures.");
+    }
+    memory = memory_to_derive(api::model_from(model.document));
   }
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
     static_cast<void>(s.find_model(render->with));
@@ -357,9 +362,8 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Secon
       s.remove(id);
     }
   }
-  const JobStatus status = state_->wait_for(state_->pool.submit(kind_of(request), id, api::record_of(request), client_,
-                                                                memory_to_derive(api::model_from(model.document))),
-                                            wait);
+  const JobStatus status =
+      state_->wait_for(state_->pool.submit(kind_of(request), id, api::record_of(request), client_, memory), wait);
   if (status.record.state != JobState::succeeded) return job_info(status);
   return content_of(s.intact(s.find(id, answers_collection, "model").blobs.at(0)));
 }
