@@ -28,7 +28,7 @@ only_in() { forbid "$1 belongs elsewhere" "$cpp" "^\s*#\s*include\s*[<\"]$2" "$3
 only_in cpp-httplib 'httplib\.h' '^server/listener\.cpp$|^server/http/|^tests/e2e/'
 only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
 only_in SQLite 'sqlite3\.h' '^server/catalog\.cpp$|^tests/server/'
-only_in CGAL 'CGAL/' '^core/(delaunay|enclosing|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'
+only_in CGAL 'CGAL/' '^core/(delaunay|enclosing|plane_delaunay|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'
 only_in Embree 'embree' '^core/render/\w+\.cpp$'
 only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
 only_in ITK 'itk[A-Z]\w+\.h' '^core/io/\w+\.cpp$'
