@@ -22,16 +22,21 @@ std::uint64_t spread(std::uint64_t v) {
 
 using Column = std::array<double, 8>;
 
-// How far boxes are from one, along the axis where it is most; above 0 exactly if they do not overlap.
+// Bit c: column c's box overlaps. Boxes overlap when none is beyond the other along any axis, by differences whose
+// signs are exact.
 SPHERULE_VECTORS
-void find_gaps(const Column* low, const Column* high, const Box& box, Column& gaps) {
+unsigned overlapping(const Column* low, const Column* high, const Box& box) {
   const auto larger = [](double a, double b) { return a > b ? a : b; };
+  std::array<double, 8> gaps;
   for (std::size_t c = 0; c < gaps.size(); ++c) {
     const double x = larger(low[0][c] - box.max.x, box.min.x - high[0][c]);
     const double y = larger(low[1][c] - box.max.y, box.min.y - high[1][c]);
     const double z = larger(low[2][c] - box.max.z, box.min.z - high[2][c]);
     gaps[c] = larger(larger(x, y), z);
   }
+  std::uint64_t found = 0;
+  for (std::size_t c = 0; c < gaps.size(); ++c) found |= gaps[c] <= 0 ? std::uint64_t{1} << c : 0;
+  return static_cast<unsigned>(found);
 }
 
 }  // namespace
@@ -58,11 +63,7 @@ Box BoxTree::Node::bounds() const {
 }
 
 unsigned BoxTree::overlaps(const Node& node, const Box& box) {
-  Column gaps;
-  find_gaps(node.min.data(), node.max.data(), box, gaps);
-  unsigned found = 0;
-  for (std::size_t c = 0; c < gaps.size(); ++c) found |= unsigned{gaps[c] <= 0} << c;
-  return found;
+  return overlapping(node.min.data(), node.max.data(), box);
 }
 
 template <typename BoxAt>

@@ -5,11 +5,14 @@
 // only start; and the raw model of a head against its own tetrahedralization.
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Regular_triangulation_3.h>
-#include <sys/resource.h>
+#include <malloc.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
+#include <new>
 #include <random>
 
 #include "core/pipeline.h"
@@ -72,21 +75,38 @@ void print_peers(const std::vector<Sphere>& balls, const UnionMeasures& ours) {
   for (const char* extension : {".balls", ".volumes", ".contacts"}) std::filesystem::remove(base + extension);
 }
 
-double peak_mib() {
-  rusage usage{};
-  ::getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024;
+std::atomic<std::size_t> in_use{0}, most{0};  // bytes from operator new
+
+// The most that `work` has in use, beyond what was before.
+template <typename Work>
+double peak_bytes(Work&& work) {
+  const std::size_t before = most = in_use.load();
+  work();
+  return static_cast<double>(most - before);
 }
 
 }  // namespace
+
+void* operator new(std::size_t size) {
+  void* memory = std::malloc(size);
+  if (!memory) throw std::bad_alloc();
+  const std::size_t now = in_use += ::malloc_usable_size(memory);
+  for (std::size_t seen = most; seen < now && !most.compare_exchange_weak(seen, now);) {
+  }
+  return memory;
+}
+void operator delete(void* memory) noexcept {
+  if (memory) in_use -= ::malloc_usable_size(memory);
+  std::free(memory);
+}
+void operator delete(void* memory, std::size_t) noexcept { operator delete(memory); }
 
 int main(int argc, char** argv) {
   const int runs = argc > 1 ? std::atoi(argv[1]) : 3;
   for (const std::size_t count : {10'000U, 100'000U, 1'000'000U}) {
     const std::vector<Sphere> balls = random_balls(count);
-    const double before = peak_mib();
-    UnionMeasures ours = measure_union(std::span(balls));
-    const double bytes = (peak_mib() - before) * 1048576 / static_cast<double>(count);
+    UnionMeasures ours;
+    const double bytes = peak_bytes([&] { ours = measure_union(std::span(balls)); }) / static_cast<double>(count);
     const auto times = bench::paired(
         runs, [&] { ours = measure_union(std::span(balls)); }, [&] { triangulate(balls); });
     std::printf(
@@ -102,6 +122,8 @@ int main(int argc, char** argv) {
   const ObjectRule rule = bench::threshold(60.5);
   const BuiltModel built = build_model(volume, rule);
   const Solid& solid = *built.model.solid;
+  const double bytes = peak_bytes([&] { measure_raw_union(built.model); });
+  std::printf("raw head: %.0f bytes an inside cell\n", bytes / static_cast<double>(solid.inside_count));
   for (const unsigned threads : {1U, 2U}) {
     const Context context{.threads = threads, .cancel = {}, .progress = {}};
     const auto times = bench::paired(
