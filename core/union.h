@@ -34,7 +34,7 @@ struct UnionMeasures {
 /// ordinary. Each ball's cell is cut out of a cube by the planes of equal power with the balls that overlap it; volume,
 /// area and moments then follow from its faces in closed form (divergence theorem, Gauss-Bonnet).
 /// Relative error about 1e-14 a ball. Expected O(n · balls that overlap one); do not pass raw Delaunay sets, where
-/// hundreds overlap each. Memory about 250 bytes a ball. Reports stage "union". Precondition: centres and radii finite,
+/// hundreds overlap each. Memory below 300 bytes a ball. Reports stage "union". Precondition: centres and radii finite,
 /// radii >= 0.
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context = {});
 
@@ -43,7 +43,7 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
 /// computed, each from its tetrahedron and the other balls that reach beyond the solid near it. A part is its cell's
 /// tetrahedron and what its ball has beyond; of cells that share a ball, the first one has that. Relative error of
 /// volume and area below 1e-9: balls that differ by less than 2^-27 of their radius count as one. Expected O(cells);
-/// memory about 60 bytes an inside cell and 350 a ball beyond. Precondition: model.solid. Reports stage "union".
+/// memory about 200 bytes an inside cell. Precondition: model.solid. Reports stage "union".
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context = {});
 
 /// measure_raw_union for a model with a solid, measure_union for any other.
