@@ -355,7 +355,7 @@ TEST_F(Service, RefusesPicturesThatCannotBe) {
        {"?width=0", "?height=-5", "?width=8193", "?height=99999999999", "?colour_by=radius&colour_map=rainbow",
         "?position=11.5,11.5,11.5&look_at=11.5,11.5,90&projection=perspective",  // inside the ball
         "?position=5,5,90&look_at=5,5,90", "?position=5,5,90&look_at=5,5,0&up=0,0,1",
-        "?position=0,-100,0&look_at=0,-200,0"})
+        "?position=0,-100,0&look_at=0,-200,0&projection=perspective"})
     EXPECT_EQ(problem(client().get(path + query)), 400) << query;
   const Answer empty = client().post("/v1/models", {.body = "x,y,z,r\n0,0,0,0\n", .type = "text/csv"});
   ASSERT_EQ(empty.status, 201) << empty.body;
