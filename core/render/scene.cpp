@@ -15,7 +15,7 @@
 namespace spherule {
 namespace {
 
-constexpr int kTile = 48;    // pixels
+constexpr int kTile = 64;    // pixels
 constexpr int kReach = 3;    // pixels over which sky light is smoothed
 constexpr int kSkyRays = 4;  // of a pixel
 constexpr double kCosine =
@@ -102,13 +102,19 @@ class Tile {
         top_(top),
         right_(std::min(left + kTile, exposure.width)),
         bottom_(std::min(top + kTile, exposure.height)),
-        x0_(std::max(0, left - kReach - 1)),
-        y0_(std::max(0, top - kReach - 1)),
-        x1_(std::min(right_ + kReach + 1, exposure.width)),
-        y1_(std::min(bottom_ + kReach + 1, exposure.height)) {}
+        x0_(std::max(0, left - margin())),
+        y0_(std::max(0, top - margin())),
+        x1_(std::min(right_ + margin(), exposure.width)),
+        y1_(std::min(bottom_ + margin(), exposure.height)) {}
 
   void draw(Image& image) {
     look();
+    if (closely_.empty() &&
+        std::ranges::none_of(centre_, [](const auto& sights) { return std::ranges::any_of(sights, &Sight::met); })) {
+      for (int y = top_; y < bottom_; ++y)
+        for (int x = left_; x < right_; ++x) write(image.at(x, y), {}, 0, y);
+      return;
+    }
     light_keys();
     find_busy();
     light_sky();
@@ -119,6 +125,8 @@ class Tile {
   }
 
  private:
+  // Pixels around the tile whose sights matter to it.
+  int margin() const { return scene_.ambient_occlusion ? kReach + 1 : 1; }
   std::size_t at(int x, int y) const {
     return static_cast<std::size_t>(y - y0_) * static_cast<std::size_t>(x1_ - x0_) + static_cast<std::size_t>(x - x0_);
   }
@@ -266,6 +274,7 @@ class Tile {
   // Pixels that differ from a neighbour are looked at closely.
   void find_busy() {
     busy_.assign(area(), 0);
+    if (exposure_.samples_per_axis == 1) return;  // the centre is all there is to see
     for (int y = y0_; y < y1_; ++y)
       for (int x = x0_; x < x1_; ++x) {
         const std::size_t p = at(x, y);
@@ -338,7 +347,7 @@ class Tile {
       if (busy_[at(x, y)] != 0)
         for (int row = 0; row < n; ++row)
           for (int column = 0; column < n; ++column) places.push_back({x + (column + 0.5) / n, y + (row + 0.5) / n});
-    const Sights closer = see(places);
+    const Sights closer = places.empty() ? Sights(centre_.size()) : see(places);
     std::vector<std::vector<Colour>> keys(closer.size(), std::vector<Colour>(places.size()));
     for (std::size_t b = 0; b < closer.size(); ++b) {
       std::vector<Asked> asked;
@@ -367,15 +376,16 @@ class Tile {
   void put(Image& image, int x, int y, const Sights& sights, const std::vector<std::vector<Colour>>& keys,
            std::size_t first, std::size_t count) const {
     const std::size_t bodies = scene_.bodies.size();
-    std::vector<Share> shares(bodies);
-    std::vector<std::size_t> order;
+    std::array<Share, Scene::most_bodies> shares;
+    std::array<std::size_t, Scene::most_bodies> order;
     for (std::size_t s = first; s < first + count; ++s) {
-      order.clear();
+      std::size_t met = 0;
       for (std::size_t b = 0; b < bodies; ++b)
-        if (sights[b][s].met()) order.push_back(b);
-      std::ranges::stable_sort(order, {}, [&](std::size_t b) { return sights[b][s].depth; });
+        if (sights[b][s].met()) order[met++] = b;
+      if (met == 2 && sights[1][s].depth < sights[0][s].depth) order = {1, 0};
       double left = 1.0 / static_cast<double>(count);
-      for (const std::size_t b : order) {
+      for (std::size_t i = 0; i < met; ++i) {
+        const std::size_t b = order[i];
         const double weight = left * scene_.bodies[b].opacity;
         left -= weight;
         shares[b].add(weight, sights[b][s], keys[b][s], sky_light(camera_, sights[b][s].place.normal));

@@ -36,7 +36,8 @@ struct Body {
 };
 
 struct Scene {
-  std::vector<Body> bodies;
+  static constexpr std::size_t most_bodies = 2;
+  std::vector<Body> bodies;       ///< up to most_bodies
   std::optional<HalfSpace> clip;  ///< only what is in it is there; cuts are closed
   std::vector<Sphere> specks;     ///< things that may be smaller than a pixel: looked at with all samples
   bool shadows = true;            ///< of the key light

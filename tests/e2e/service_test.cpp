@@ -344,6 +344,27 @@ TEST_F(Service, RendersPictures) {
   EXPECT_EQ(client().get(path + "?width=8192&height=8192").status, 413);
 }
 
+TEST_F(Service, RefusesPicturesThatCannotBe) {
+  const std::string path = "/v1/models/" + model() + "/render";
+  const auto problem = [](const Answer& answer) {
+    EXPECT_EQ(answer.header("Content-Type"), "application/problem+json");
+    EXPECT_EQ(answer.json()["detail"].get<std::string>().back(), '.');
+    return answer.status;
+  };
+  for (const char* query :
+       {"?width=0", "?height=-5", "?width=8193", "?height=99999999999", "?colour_by=radius&colour_map=rainbow",
+        "?position=11.5,11.5,11.5&look_at=11.5,11.5,90&projection=perspective",  // inside the ball
+        "?position=5,5,90&look_at=5,5,90", "?position=5,5,90&look_at=5,5,0&up=0,0,1",
+        "?position=0,-100,0&look_at=0,-200,0&projection=perspective"})
+    EXPECT_EQ(problem(client().get(path + query)), 400) << query;
+  const Answer empty = client().post("/v1/models", {.body = "x,y,z,r\n0,0,0,0\n", .type = "text/csv"});
+  ASSERT_EQ(empty.status, 201) << empty.body;
+  EXPECT_EQ(problem(client().get(empty.header("Location") + "/render")), 422) << "nothing to draw";
+  const Answer one = client().post("/v1/models", {.body = "x,y,z,r\n0,0,0,1\n", .type = "text/csv"});
+  for (const char* style : {"tetrahedra", "points", "surface"})
+    EXPECT_EQ(problem(client().get(one.header("Location") + "/render?style=" + style)), 422) << style;
+}
+
 TEST_F(Service, DrawsSlicesAndTellsThemAsNumbers) {
   const std::string path = "/v1/volumes/" + volume() + "/slices/k/12";
   const std::string object = "?threshold=30&width=200&height=200&show=inside,circles";
