@@ -128,10 +128,54 @@ Json bounds_json(const Box& box) {
   return {{"min", triple(box.min)}, {"max", triple(box.max)}};
 }
 
+// Words as words, numbers as numbers.
+Json method_json(const SimplifyMethod& method) {
+  Json json = Json::object();
+  for (const auto& [name, text] : method_texts(method)) {
+    if (name == "method" || name == "mode" || name == "representative") {
+      json[name] = text;
+    } else {
+      json[name] = Json::parse(name == "buckets" ? "[" + text + "]" : text);
+    }
+  }
+  return json;
+}
+
+Json achieved_json(const SimplificationInfo& s) {
+  const Achieved& a = s.achieved;
+  Json json{{"k", a.spheres},
+            {"iou", a.iou},
+            {"object_mm3", a.object_mm3},
+            {"covered_mm3", a.covered_mm3},
+            {"spilled_mm3", a.spilled_mm3},
+            {"never_spills", a.never_spills},
+            {"covers_all", a.covers_all},
+            {"volume_mm3", a.volume_mm3},
+            {"volume_error", a.volume_error},
+            {"area_mm2", a.area_mm2},
+            {"area_error", a.area_error},
+            {"hausdorff", nullptr},
+            {"betti_before", a.before.betti},
+            {"betti_after", a.after.betti}};
+  if (a.hausdorff) {
+    json["hausdorff"] = {{"mm", a.hausdorff->mm},
+                         {"of_diagonal", a.hausdorff->of_diagonal},
+                         {"object_to_spheres_mm", a.hausdorff->to_spheres},
+                         {"spheres_to_object_mm", a.hausdorff->to_object}};
+  }
+  if (s.optimality_gap) json["optimality_gap"] = *s.optimality_gap;
+  json["seconds"] = s.seconds;
+  return json;
+}
+
+std::string kind_of(const ModelInfo& model) {
+  return model.source ? "raw" : model.simplification ? "simplified" : "imported";
+}
+
 Json model_json(const ModelInfo& model) {
   const std::string self = "/v1/models/" + model.id;
   Json json{{"id", model.id},
-            {"kind", model.source ? "raw" : "imported"},
+            {"kind", kind_of(model)},
             {"created", iso_time(model.created)},
             {"algorithm_version", model.algorithm_version}};
   Json counts{{"spheres", model.spheres}};
@@ -140,6 +184,7 @@ Json model_json(const ModelInfo& model) {
              {"measures", self + "/measures"},
              {"histogram", self + "/histogram"},
              {"render", self + "/render"},
+             {"simplifications", self + "/simplifications"},
              {"exports",
               {{"csv", self + "/exports/csv"},
                {"npy", self + "/exports/npy"},
@@ -153,12 +198,21 @@ Json model_json(const ModelInfo& model) {
     counts["inside_tetrahedra"] = model.inside_tetrahedra;
     links["volume"] = "/v1/volumes/" + model.source->volume;
     links["checks"] = self + "/checks";
+  } else if (model.simplification) {
+    const SimplificationInfo& s = *model.simplification;
+    json["source"] = {{"model", s.request.model}};
+    json["parameters"] = method_json(s.request.method);
+    counts["levels"] = s.levels;
+    counts["nodes"] = s.nodes;
+    links["source"] = "/v1/models/" + s.request.model;
+    links["tree"] = self + "/tree";
   } else {
     json["source"] = {{"format", model.imported_format}};
     json["parameters"] = Json::object();
   }
   json["counts"] = std::move(counts);
   if (model.source) json["boundary_point_density_mm"] = model.boundary_point_density_mm;
+  if (model.simplification) json["achieved"] = achieved_json(*model.simplification);
   json["bounds_mm"] = bounds_json(model.bounds);
   json["frame"] = kFrame;
   json["timings_s"] = model.timings_s;
@@ -356,18 +410,17 @@ std::string sphere_page_document(const std::string& model, const SpherePage& pag
     for (const SphereColumn& column : page.columns) row.push_back(column.values[i]);
     spheres.push_back(std::move(row));
   }
-  const std::string self = "/v1/models/" + model;
+  Json json{{"model", model},
+            {"frame", kFrame},
+            {"unit", "mm"},
+            {"columns", std::move(columns)},
+            {"total", page.total},
+            {"offset", offset},
+            {"spheres", std::move(spheres)}};
+  if (page.members) json["members"] = *page.members;
+  json["links"] = {{"model", "/v1/models/" + model}};
   // Compact: a page can hold many thousands of rows.
-  return Json{{"model", model},
-              {"frame", kFrame},
-              {"unit", "mm"},
-              {"columns", std::move(columns)},
-              {"total", page.total},
-              {"offset", offset},
-              {"spheres", std::move(spheres)},
-              {"links", {{"model", self}}}}
-             .dump() +
-         "\n";
+  return json.dump() + "\n";
 }
 
 std::string value_histogram_document(const VolumeInfo& volume, std::span<const std::uint64_t> counts) {
@@ -424,6 +477,33 @@ std::string with_components(std::string_view measures_document, std::size_t coun
   Json& items = json.at("components").at("items");
   if (items.size() > count) items.erase(items.begin() + static_cast<std::ptrdiff_t>(count), items.end());
   return text(json);
+}
+
+std::string tree_document(const std::string& model, const std::string& source, std::span<const std::uint32_t> levels,
+                          std::span<const TreeLevel> tree, const MemberLists& members) {
+  Json items = Json::array();
+  for (std::size_t l = 0; l < tree.size(); ++l) {
+    Json spheres = Json::array(), parents = Json::array();
+    for (const Sphere& s : tree[l].spheres) spheres.push_back({s.centre.x, s.centre.y, s.centre.z, s.radius});
+    for (const std::uint32_t p : tree[l].parents) parents.push_back(p == no_parent ? Json(nullptr) : Json(p));
+    items.push_back({{"level", levels[l]}, {"spheres", std::move(spheres)}, {"parents", std::move(parents)}});
+  }
+  Json lists = Json::array();
+  for (std::size_t i = 0; i < members.count(); ++i) {
+    const auto list = members.of(i);
+    lists.push_back(std::vector<std::uint32_t>(list.begin(), list.end()));
+  }
+  const std::string self = "/v1/models/";
+  return Json{{"model", model},
+              {"source", source},
+              {"frame", kFrame},
+              {"unit", "mm"},
+              {"columns", {"x", "y", "z", "r"}},
+              {"levels", std::move(items)},
+              {"members", std::move(lists)},
+              {"links", {{"model", self + model}, {"source", self + source}}}}
+             .dump() +
+         "\n";
 }
 
 std::string checks_document(const std::string& model, const ModelChecks& checks) {
@@ -538,9 +618,15 @@ std::string_view name(SphereFormat format) {
 }
 
 std::string_view name(SphereFigure figure) {
-  constexpr std::array<std::string_view, 6> names = {"index", "volume_mm3", "area_mm2",
-                                                     "share", "rank",       "cumulative_share"};
+  constexpr std::array<std::string_view, sphere_figures.size()> names = {
+      "index", "volume_mm3", "area_mm2",   "share",    "rank",    "cumulative_share",
+      "node",  "parent",     "level_from", "level_to", "members", "cluster"};
   return names[static_cast<std::size_t>(figure)];
+}
+
+std::string_view name(SphereRows rows) {
+  constexpr std::array<std::string_view, 3> names = {"spheres", "nodes", "members"};
+  return names[static_cast<std::size_t>(rows)];
 }
 
 std::string_view name(SphereOrder order) { return order == SphereOrder::index ? "index" : "contribution"; }
@@ -562,7 +648,7 @@ std::string path_of(const DerivedRequest& request) {
     return "/v1/volumes/" + slice->volume + "/slices/" + "ijk"[slice->axis] + "/" + std::to_string(slice->index) +
            query_of(*slice);
   }
-  const std::string model = "/v1/models/" + request.model;
+  std::string path = "/v1/models/" + request.model;
   struct Visitor {
     std::string operator()(const MeasuresRequest&) const { return "/measures"; }
     std::string operator()(const ChecksRequest&) const { return "/checks"; }
@@ -574,13 +660,26 @@ std::string path_of(const DerivedRequest& request) {
         path += (before == '?' ? "?columns=" : ",") + std::string(name(figure));
         before = '&';
       }
-      if (e.listing.order != SphereOrder::index) path += before + ("order=" + std::string(name(e.listing.order)));
+      if (e.listing.order != SphereOrder::index) {
+        path += before + ("order=" + std::string(name(e.listing.order)));
+        before = '&';
+      }
+      if (e.listing.rows != SphereRows::spheres) path += before + ("rows=" + std::string(name(e.listing.rows)));
       return path;
     }
     std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
     std::string operator()(const SliceRequest&) const { return {}; }  // not of a model
+    std::string operator()(const TreeRequest& t) const {
+      std::string path = "/tree";
+      for (std::size_t i = 0; i < t.levels.size(); ++i) {
+        path += (i == 0 ? "?levels=" : ",") + std::to_string(t.levels[i]);
+      }
+      return path;
+    }
   };
-  return model + std::visit(Visitor{}, request.what);
+  path += std::visit(Visitor{}, request.what);
+  if (request.level > 0) path += (path.find('?') == path.npos ? "?level=" : "&level=") + std::to_string(request.level);
+  return path;
 }
 
 }  // namespace spherule::api

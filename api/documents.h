@@ -34,6 +34,9 @@ inline constexpr std::size_t listed_components = 1000;
 std::string slice_document(const SliceRequest& request, const Grid& slice, const PlaneModel* model);
 /// The same document with the `count` largest components only.
 std::string with_components(std::string_view measures_document, std::size_t count);
+/// Positions of parents are in the level before; `levels` are the numbers that tree_of was given.
+std::string tree_document(const std::string& model, const std::string& source, std::span<const std::uint32_t> levels,
+                          std::span<const TreeLevel> tree, const MemberLists& members);
 std::string checks_document(const std::string& model, const ModelChecks& checks);
 std::string about_document(const About& about);
 std::string status_document(std::string_view status);
@@ -46,6 +49,8 @@ std::string_view name(JobState state);
 std::string_view name(SphereFormat format);
 /// "index", "volume_mm3", …
 std::string_view name(SphereFigure figure);
+/// "spheres", "nodes", "members".
+std::string_view name(SphereRows rows);
 /// "index", "contribution".
 std::string_view name(SphereOrder order);
 /// ISO 8601 UTC to the millisecond.
@@ -63,6 +68,8 @@ std::string record_of(const DerivedRequest& request);
 DerivedRequest derived_from(std::string_view record);
 std::string record_of(const ModelRequest& request);
 ModelRequest model_request_from(std::string_view record);
+std::string record_of(const SimplificationRequest& request);
+SimplificationRequest simplification_request_from(std::string_view record);
 
 // What ids are made of: canonical JSON (members ascending, no spaces, defaults filled in). Equal things have equal text
 // on any machine.
@@ -70,6 +77,7 @@ ModelRequest model_request_from(std::string_view record);
 /// Names count only where there are several files: there a header names its data.
 std::string identity_of(std::span<const StoredFile> files, const VolumeParameters& parameters);
 std::string identity_of(const ModelRequest& request, const std::string& algorithm_version);
+std::string identity_of(const SimplificationRequest& request, const std::string& algorithm_version);
 std::string identity_of(const DerivedRequest& request, const std::string& algorithm_version);
 /// Of imported spheres.
 std::string identity_of(const StoredFile& file, SphereFormat format, const std::string& algorithm_version);

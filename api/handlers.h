@@ -3,7 +3,9 @@
 // One function a row of the route table (routes.cpp): parse, validate, call the service, present.
 #pragma once
 
+#include <chrono>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "api/http.h"
@@ -38,6 +40,8 @@ Response get_radius_histogram(const Call& call);
 Response get_checks(const Call& call);
 Response get_render(const Call& call);
 Response get_export(const Call& call);
+Response post_simplification(const Call& call);
+Response get_tree(const Call& call);
 
 Response list_jobs(const Call& call);
 Response get_job(const Call& call);
@@ -54,6 +58,22 @@ Response get_docs(const Call& call);
 
 /// A JSON answer. Throws HttpError 406 when the Accept header does not allow JSON.
 Response json_response(const Call& call, std::string document, int status = 200);
+/// How long the caller is made to wait for a job.
+struct Wait {
+  std::chrono::seconds granted;
+  bool asked;  ///< by a Prefer header
+
+  /// Tells the caller what became of the Prefer header.
+  void state(Response& response) const;
+};
+/// What the caller prefers, capped; the cap itself without a preference where `waits_unasked`, else 0.
+Wait agreed_wait(const Call& call, bool waits_unasked);
+/// 202 with the job and where to look for it.
+Response accepted(const JobInfo& job);
+/// 200 or 201 with the model, or 202 with its job.
+Response model_response(const Call& call, const Outcome<StoredModel>& outcome, const Wait& wait);
+/// The whole body of a request of JSON.
+std::string json_body(const Call& call);
 /// A stored content, or the part of it that a Range header asks for.
 Response content_response(const Call& call, Content content, std::string media_type, const std::string& filename);
 /// What is derived from a model or volume, once it is there: waits for it, or answers with its job. Throws HttpError

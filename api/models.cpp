@@ -11,34 +11,9 @@ namespace spherule::api {
 
 namespace {
 
-constexpr std::uint64_t kJsonBytes = 1 << 20;
-
 // In the order of SphereFormat.
 constexpr std::array<std::string_view, 4> kSphereTypes = {"text/csv", "application/x-npy", "application/x-ply",
                                                           "application/x-vtk-polydata"};
-
-struct Wait {
-  std::chrono::seconds granted;
-  bool asked;  // by a Prefer header
-
-  void state(Response& response) const {
-    if (asked) response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
-  }
-};
-
-Wait agreed_wait(const Call& call, bool waits_unasked) {
-  const std::chrono::seconds cap = call.service.limits().longest_wait;
-  const auto preferred = preferred_wait(call.request);
-  return {std::min(preferred.value_or(waits_unasked ? cap : std::chrono::seconds(0)), cap), preferred.has_value()};
-}
-
-Response accepted(const JobInfo& job) {
-  Response response{.status = 202, .body = job_document(job)};
-  response.set("Content-Type", "application/json");
-  response.set("Location", "/v1/jobs/" + job.id);
-  response.set("Retry-After", "1");
-  return response;
-}
 
 Response stored(const Call& call, const StoredModel& model) {
   Response response = json_response(call, model_document(model.model), model.already_stored ? 200 : 201);
@@ -55,24 +30,18 @@ Response import_spheres(const Call& call, SphereFormat format) {
 
 Response make_model(const Call& call) {
   const Wait wait = agreed_wait(call, false);
-  std::string text;
-  call.request.body->read(kJsonBytes, [&](std::string_view piece) { text += piece; });
-  const ModelWish wish = model_wish(text);
+  const ModelWish wish = model_wish(json_body(call));
   ModelRequest request{.volume = wish.volume, .rule = wish.rule};
   if (!wish.side_given && wish.rule.kind == ObjectRule::Kind::threshold) {
     request.rule.side = call.service.volume(wish.volume).natural_side;
   }
-  const Outcome<StoredModel> outcome = call.service.make_model(request, wait.granted);
-  const auto* model = std::get_if<StoredModel>(&outcome);
-  Response response = model != nullptr ? stored(call, *model) : accepted(std::get<JobInfo>(outcome));
-  wait.state(response);
-  return response;
+  return model_response(call, call.service.make_model(request, wait.granted), wait);
 }
 
-Response exported(const Call& call, const ExportRequest& wanted) {
-  Response response =
-      derived(call, {.model = call.id(), .what = wanted}, kSphereTypes[static_cast<std::size_t>(wanted.format)],
-              call.id() + "." + std::string(name(wanted.format)));
+Response exported(const Call& call, const ExportRequest& wanted, std::uint32_t level) {
+  Response response = derived(call, {.model = call.id(), .what = wanted, .level = level},
+                              kSphereTypes[static_cast<std::size_t>(wanted.format)],
+                              call.id() + "." + std::string(name(wanted.format)));
   // For the formats that cannot say so themselves.
   response.set("Spherule-Frame", "LPS");
   response.set("Spherule-Unit", "mm");
@@ -86,7 +55,43 @@ std::optional<SphereFormat> sphere_format(std::string_view word) {
   return std::nullopt;
 }
 
+std::uint32_t level_of(const Query& query) {
+  return static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0));
+}
+
 }  // namespace
+
+void Wait::state(Response& response) const {
+  if (asked) response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
+}
+
+Wait agreed_wait(const Call& call, bool waits_unasked) {
+  const std::chrono::seconds cap = call.service.limits().longest_wait;
+  const auto preferred = preferred_wait(call.request);
+  return {std::min(preferred.value_or(waits_unasked ? cap : std::chrono::seconds(0)), cap), preferred.has_value()};
+}
+
+Response accepted(const JobInfo& job) {
+  Response response{.status = 202, .body = job_document(job)};
+  response.set("Content-Type", "application/json");
+  response.set("Location", "/v1/jobs/" + job.id);
+  response.set("Retry-After", "1");
+  return response;
+}
+
+Response model_response(const Call& call, const Outcome<StoredModel>& outcome, const Wait& wait) {
+  const auto* model = std::get_if<StoredModel>(&outcome);
+  Response response = model != nullptr ? stored(call, *model) : accepted(std::get<JobInfo>(outcome));
+  wait.state(response);
+  return response;
+}
+
+std::string json_body(const Call& call) {
+  constexpr std::uint64_t most = 1 << 20;
+  std::string text;
+  call.request.body->read(most, [&](std::string_view piece) { text += piece; });
+  return text;
+}
 
 Response derived(const Call& call, const DerivedRequest& request, std::string_view type, const std::string& filename) {
   negotiate(call.request.header("Accept"), std::span(&type, 1));
@@ -139,9 +144,11 @@ Response delete_model(const Call& call) {
 }
 
 Response get_spheres(const Call& call) {
-  const Query query(call.request, {"format", "columns", "order", "offset", "limit"});
+  const Query query(call.request, {"format", "level", "rows", "columns", "order", "members", "offset", "limit"});
   const auto given = query.choice("format", {"json", "csv", "npy", "ply", "vtp"});
   const SphereListing listing = sphere_listing(query);
+  const std::uint32_t level = level_of(query);
+  const auto members = query.choice("members", {"true", "false"});
   const auto offset = query.integer("offset", 0, std::int64_t{1} << 52);
   const auto limit = query.integer("limit", 1, 100'000);
   std::optional<SphereFormat> format;
@@ -158,11 +165,20 @@ Response get_spheres(const Call& call) {
       throw Error(ErrorCode::invalid_argument, "Only JSON comes in pages; leave offset and limit out.",
                   {{offset ? "offset" : "limit", "This is for format=json."}});
     }
-    return exported(call, {*format, listing});
+    if (members) {
+      throw Error(ErrorCode::invalid_argument, "Only JSON lists members; ask for the rows=members instead.",
+                  {{"members", "This is for format=json; rows=members lists each member with its cluster."}});
+    }
+    return exported(call, {*format, listing}, level);
+  }
+  if (members == "true" && listing.rows != SphereRows::spheres) {
+    throw Error(ErrorCode::invalid_argument, "Members are of the spheres of a level; leave rows out.",
+                {{"members", "This is for rows=spheres."}});
   }
   if (listing.needs_contributions()) {
     const Wait wait = agreed_wait(call, true);
-    const auto outcome = call.service.derive({.model = call.id(), .what = ContributionsRequest{}}, wait.granted);
+    const auto outcome =
+        call.service.derive({.model = call.id(), .what = ContributionsRequest{}, .level = level}, wait.granted);
     if (const auto* job = std::get_if<JobInfo>(&outcome)) {
       Response response = accepted(*job);
       wait.state(response);
@@ -171,13 +187,13 @@ Response get_spheres(const Call& call) {
   }
   const auto first = static_cast<std::uint64_t>(offset.value_or(0));
   const auto count = static_cast<std::size_t>(limit.value_or(1000));
-  const SpherePage page = call.service.spheres(call.id(), first, count, listing);
+  const SpherePage page = call.service.spheres(call.id(), level, first, count, listing, members == "true");
   Response response{.status = 200, .body = sphere_page_document(call.id(), page, first)};
   response.set("Content-Type", "application/json");
   response.set("Vary", "Accept");
   if (first + page.spheres.size() < page.total) {
     std::string next = "/v1/models/" + call.id() + "/spheres?format=json";
-    for (const char* name : {"columns", "order"}) {
+    for (const char* name : {"level", "rows", "columns", "order", "members"}) {
       if (const auto text = query.text(name)) next += std::string("&") + name + "=" + *text;
     }
     response.set("Link", "<" + next + "&offset=" + std::to_string(first + page.spheres.size()) +
@@ -187,12 +203,13 @@ Response get_spheres(const Call& call) {
 }
 
 Response get_measures(const Call& call) {
-  const Query query(call.request, {"components"});
+  const Query query(call.request, {"components", "level"});
   const auto components = query.integer("components", 0, static_cast<std::int64_t>(listed_components)).value_or(10);
   constexpr std::array<std::string_view, 1> types = {"application/json"};
   negotiate(call.request.header("Accept"), types);
   const Wait wait = agreed_wait(call, true);
-  const auto outcome = call.service.derive({.model = call.id(), .what = MeasuresRequest{}}, wait.granted);
+  const auto outcome =
+      call.service.derive({.model = call.id(), .what = MeasuresRequest{}, .level = level_of(query)}, wait.granted);
   const auto* content = std::get_if<Content>(&outcome);
   Response response;
   if (content != nullptr) {
@@ -223,17 +240,17 @@ Response get_checks(const Call& call) {
 }
 
 Response get_render(const Call& call) {
-  const RenderRequest render = render_request(call.request);
+  const auto [render, level] = render_request(call.request);
   check_pixels(call, pixels_of(render.options, render.with.empty() ? 1 : 2));
   const char* type = render.options.turntable > 0 ? "image/gif" : "image/png";
-  return derived(call, {.model = call.id(), .what = render}, type);
+  return derived(call, {.model = call.id(), .what = render, .level = level}, type);
 }
 
 Response get_export(const Call& call) {
-  const Query query(call.request, {"columns", "order"});
+  const Query query(call.request, {"level", "rows", "columns", "order"});
   const auto format = sphere_format(call.parameters[1]);
   if (!format) throw Error(ErrorCode::not_found, "There is no such export; there are csv, npy, ply and vtp.");
-  return exported(call, {*format, sphere_listing(query)});
+  return exported(call, {*format, sphere_listing(query)}, level_of(query));
 }
 
 }  // namespace spherule::api

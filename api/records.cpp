@@ -108,12 +108,50 @@ Json to_json(const DerivedRequest& request) {
     const SphereListing& listing = format->listing;
     for (const SphereFigure figure : listing.columns) json["columns"].push_back(name(figure));
     if (listing.order == SphereOrder::contribution) json["order"] = name(listing.order);
+    if (listing.rows != SphereRows::spheres) json["rows"] = name(listing.rows);
+  }
+  if (const auto* tree = std::get_if<TreeRequest>(&request.what)) {
+    json["what"] = "tree";
+    json["levels"] = tree->levels;
   }
   if (const auto* slice = std::get_if<SliceRequest>(&request.what)) {
     json = {{"what", "slice"},     {"edition", kPictureEdition}, {"volume", slice->volume},
             {"axis", slice->axis}, {"index", slice->index},      {"format", media_type(slice->format)}};
     if (slice->object) json["object"] = to_json(ModelRequest{slice->volume, *slice->object});
     for (const auto& [name, text] : slice_option_texts(slice->options)) json["options"][name] = text;
+  }
+  if (request.level > 0) json["level"] = request.level;
+  return json;
+}
+
+Json to_json(const SimplificationRequest& request) {
+  Json json{{"model", request.model}, {"edition", simplify_edition}};
+  for (const auto& [name, text] : method_texts(request.method)) json["method"][name] = text;
+  return json;
+}
+
+SimplificationRequest simplification_request_from_json(const Json& json) {
+  OptionTexts texts;
+  for (const auto& [name, text] : json.at("method").items()) texts.emplace_back(name, text.get<std::string>());
+  return {.model = json.at("model"), .method = parse_method(texts)};
+}
+
+Json to_json(const Topology& t) { return {{"betti", t.betti}, {"euler", t.euler_characteristic}}; }
+Topology topology_from(const Json& json) {
+  return {.betti = json.at("betti"), .euler_characteristic = json.at("euler")};
+}
+
+Json to_json(const SimplificationInfo& s) {
+  const Achieved& a = s.achieved;
+  Json json{{"request", to_json(s.request)},  {"levels", s.levels},           {"nodes", s.nodes},
+            {"seconds", s.seconds},           {"spheres", a.spheres},         {"iou", a.iou},
+            {"object_mm3", a.object_mm3},     {"covered_mm3", a.covered_mm3}, {"spilled_mm3", a.spilled_mm3},
+            {"never_spills", a.never_spills}, {"covers_all", a.covers_all},   {"volume_mm3", a.volume_mm3},
+            {"volume_error", a.volume_error}, {"area_mm2", a.area_mm2},       {"area_error", a.area_error},
+            {"before", to_json(a.before)},    {"after", to_json(a.after)}};
+  if (s.optimality_gap) json["gap"] = *s.optimality_gap;
+  if (a.hausdorff) {
+    json["hausdorff"] = {a.hausdorff->mm, a.hausdorff->to_spheres, a.hausdorff->to_object, a.hausdorff->of_diagonal};
   }
   return json;
 }
@@ -129,6 +167,34 @@ SliceRequest slice_from(const Json& json) {
   return slice;
 }
 
+SimplificationInfo simplification_from(const Json& json) {
+  SimplificationInfo s;
+  s.request = simplification_request_from_json(json.at("request"));
+  s.levels = json.at("levels");
+  s.nodes = json.at("nodes");
+  s.seconds = json.at("seconds");
+  if (json.contains("gap")) s.optimality_gap = json.at("gap").get<double>();
+  Achieved& a = s.achieved;
+  a.spheres = json.at("spheres");
+  a.iou = json.at("iou");
+  a.object_mm3 = json.at("object_mm3");
+  a.covered_mm3 = json.at("covered_mm3");
+  a.spilled_mm3 = json.at("spilled_mm3");
+  a.never_spills = json.at("never_spills");
+  a.covers_all = json.at("covers_all");
+  a.volume_mm3 = json.at("volume_mm3");
+  a.volume_error = json.at("volume_error");
+  a.area_mm2 = json.at("area_mm2");
+  a.area_error = json.at("area_error");
+  a.before = topology_from(json.at("before"));
+  a.after = topology_from(json.at("after"));
+  if (json.contains("hausdorff")) {
+    const Json& h = json.at("hausdorff");
+    a.hausdorff = {.mm = h.at(0), .to_spheres = h.at(1), .to_object = h.at(2), .of_diagonal = h.at(3)};
+  }
+  return s;
+}
+
 SphereListing listing_from(const Json& json) {
   SphereListing listing;
   for (const Json& column : json.value("columns", Json::array())) {
@@ -137,6 +203,9 @@ SphereListing listing_from(const Json& json) {
     }
   }
   if (json.contains("order")) listing.order = SphereOrder::contribution;
+  for (const SphereRows rows : {SphereRows::nodes, SphereRows::members}) {
+    if (json.value("rows", "") == name(rows)) listing.rows = rows;
+  }
   return listing;
 }
 
@@ -220,6 +289,7 @@ std::string record_of(const ModelInfo& m) {
             {"timings", m.timings_s},
             {"warnings", m.warnings}};
   if (m.source) json["source"] = to_json(*m.source);
+  if (m.simplification) json["simplification"] = to_json(*m.simplification);
   if (m.voxels) json["voxels"] = {{"count", m.voxels->count}, {"volume", m.voxels->volume_mm3}};
   if (!m.bounds.empty()) json["bounds"] = {to_json(m.bounds.min), to_json(m.bounds.max)};
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -240,6 +310,7 @@ ModelInfo model_from(std::string_view record) {
     m.timings_s = json.at("timings").get<std::map<std::string, double>>();
     m.warnings = json.at("warnings").get<std::vector<std::string>>();
     if (json.contains("source")) m.source = model_request_from_json(json.at("source"));
+    if (json.contains("simplification")) m.simplification = simplification_from(json.at("simplification"));
     if (json.contains("voxels")) m.voxels = {json.at("voxels").at("count"), json.at("voxels").at("volume")};
     if (json.contains("bounds")) m.bounds = {vec_from(json.at("bounds").at(0)), vec_from(json.at("bounds").at(1))};
     return m;
@@ -252,7 +323,7 @@ DerivedRequest derived_from(std::string_view record) {
   return read(record, [](const Json& json) {
     const std::string what = json.at("what");
     if (what == "slice") return DerivedRequest{.model = {}, .what = slice_from(json)};
-    DerivedRequest request{.model = json.at("model"), .what = {}};
+    DerivedRequest request{.model = json.at("model"), .what = {}, .level = json.value("level", 0U)};
     if (what == "measures") {
       request.what = MeasuresRequest{};
     } else if (what == "checks") {
@@ -263,6 +334,8 @@ DerivedRequest derived_from(std::string_view record) {
       OptionTexts texts;
       for (const auto& [name, text] : json.at("options").items()) texts.emplace_back(name, text.get<std::string>());
       request.what = RenderRequest{.options = parse_render_options(texts), .with = json.value("with", "")};
+    } else if (what == "tree") {
+      request.what = TreeRequest{json.at("levels").get<std::vector<std::uint32_t>>()};
     } else {
       ExportRequest wanted;
       for (const SphereFormat format : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {
@@ -279,12 +352,22 @@ std::string record_of(const ModelRequest& request) { return to_json(request).dum
 
 ModelRequest model_request_from(std::string_view record) { return read(record, model_request_from_json); }
 
+std::string record_of(const SimplificationRequest& request) { return to_json(request).dump(); }
+
+SimplificationRequest simplification_request_from(std::string_view record) {
+  return read(record, simplification_request_from_json);
+}
+
 std::string identity_of(std::span<const StoredFile> files, const VolumeParameters& parameters) {
   return Json{{"files", to_json(files, files.size() > 1)}, {"parameters", to_json(parameters)}}.dump(
       -1, ' ', false, Json::error_handler_t::replace);
 }
 
 std::string identity_of(const ModelRequest& request, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
+}
+
+std::string identity_of(const SimplificationRequest& request, const std::string& algorithm_version) {
   return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
 }
 

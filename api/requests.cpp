@@ -55,6 +55,33 @@ std::string joined(std::span<const std::string_view> words) {
   return out;
 }
 
+using Json = nlohmann::json;
+
+// The JSON object that a body holds; `example` is one.
+Json object_in(std::string_view text, const std::string& example) {
+  Json json;
+  try {
+    // Requests are three levels deep at most; deeper text is refused before it can exhaust the stack.
+    json = Json::parse(text, [](int depth, Json::parse_event_t, Json&) {
+      if (depth > 8) throw Error(ErrorCode::malformed, "The body is nested too deeply; send a JSON object.");
+      return true;
+    });
+  } catch (const Json::exception&) {
+    throw Error(ErrorCode::malformed, "The body is not JSON; send an object such as " + example + ".");
+  }
+  if (!json.is_object()) {
+    throw Error(ErrorCode::invalid_argument, "Send a JSON object such as " + example + ".");
+  }
+  return json;
+}
+
+// RFC 6901.
+std::string pointer_to(std::string_view key) {
+  std::string pointer = "/";
+  for (const char c : key.substr(0, 100)) pointer += c == '~' ? "~0" : c == '/' ? "~1" : std::string(1, c);
+  return pointer;
+}
+
 }  // namespace
 
 bool is_utf8(std::string_view s) {
@@ -160,7 +187,46 @@ SphereListing sphere_listing(const Query& query) {
     listing.columns.push_back(*figure);
   });
   if (query.choice("order", {"index", "contribution"}) == "contribution") listing.order = SphereOrder::contribution;
+  const auto rows = query.choice("rows", {"spheres", "nodes", "members"});
+  if (rows == "nodes") listing.rows = SphereRows::nodes;
+  if (rows == "members") listing.rows = SphereRows::members;
+  using enum SphereFigure;
+  if (!query.text("columns") && listing.rows == SphereRows::nodes) {
+    listing.columns = {node, parent, level_from, level_to, members};
+  }
+  if (!query.text("columns") && listing.rows == SphereRows::members) listing.columns = {cluster};
+  if (listing.rows != SphereRows::spheres && listing.order != SphereOrder::index) {
+    refuse("order", "Rows that are nodes or members come by index; leave order out.");
+  }
+  for (const SphereFigure figure : listing.columns) {
+    if (listing.rows == SphereRows::members ? figure != index && figure != cluster
+                                            : figure == cluster || (listing.rows == SphereRows::nodes &&
+                                                                    (is_contribution(figure) || figure == index))) {
+      refuse("columns", "There is no " + std::string(name(figure)) +
+                            " of such rows: of members there are index and "
+                            "cluster, of nodes node, parent, level_from, level_to and members, of spheres all but "
+                            "cluster.");
+    }
+  }
+  if (listing.rows == SphereRows::nodes && query.text("level")) {
+    refuse("level", "Nodes are of all levels; leave level out.");
+  }
   return listing;
+}
+
+std::vector<std::uint32_t> tree_levels(const Query& query) {
+  std::vector<std::uint32_t> levels;
+  const auto given = query.text("levels");
+  if (!given) return levels;
+  split(*given, ',', [&](std::string_view word) {
+    const auto level = parse_number<std::uint32_t>(word);
+    if (!level || *level == 0 || levels.size() == 1000 || (!levels.empty() && *level <= levels.back())) {
+      refuse("levels", "Give ascending whole numbers above zero with commas between, at most 1000.");
+    }
+    levels.push_back(*level);
+  });
+  if (levels.empty()) refuse("levels", "Give at least one level, such as 1,8,64.");
+  return levels;
 }
 
 VolumeParameters volume_parameters(const Request& request) {
@@ -205,18 +271,19 @@ VolumeParameters volume_parameters(const Request& request) {
   return parameters;
 }
 
-RenderRequest render_request(const Request& request) {
+std::pair<RenderRequest, std::uint32_t> render_request(const Request& request) {
   std::vector<std::string_view> known(render_option_names().begin(), render_option_names().end());
   known.push_back("with");
+  known.push_back("level");
   const Query query(request, known);
   RenderRequest wanted;
   wanted.with = query.text("with").value_or("");
   OptionTexts given = request.query;
-  std::erase_if(given, [](const auto& pair) { return pair.first == "with"; });
+  std::erase_if(given, [](const auto& pair) { return pair.first == "with" || pair.first == "level"; });
   wanted.options = parse_render_options(given);
   if (wanted.with.empty() && query.text("layout")) refuse("layout", "This is for a second model: with=mdl_….");
   check_render_options(wanted.options);
-  return wanted;
+  return {wanted, static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0))};
 }
 
 std::string query_of(const RenderRequest& request) {
@@ -359,21 +426,7 @@ std::string query_of(const SliceRequest& request) {
 }
 
 ModelWish model_wish(std::string_view text) {
-  using Json = nlohmann::json;
-  Json json;
-  try {
-    // A model request is three levels deep at most; deeper text is refused before it can exhaust the stack.
-    json = Json::parse(text, [](int depth, Json::parse_event_t, Json&) {
-      if (depth > 8) throw Error(ErrorCode::malformed, "The body is nested too deeply; send a JSON object.");
-      return true;
-    });
-  } catch (const Json::exception&) {
-    throw Error(ErrorCode::malformed,
-                "The body is not JSON; send an object such as {\"volume\": id, \"threshold\": 60.5}.");
-  }
-  if (!json.is_object()) {
-    throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"volume\": id, \"threshold\": 60.5}.");
-  }
+  const Json json = object_in(text, "{\"volume\": id, \"threshold\": 60.5}");
   ModelWish wish;
   std::vector<FieldError> errors;
   int objects = 0;
@@ -422,10 +475,8 @@ ModelWish model_wish(std::string_view text) {
       wish.rule.border = value == "open" ? Border::open : Border::closed;
       if (value != "open" && value != "closed") errors.push_back({"/border", "Give \"closed\" or \"open\"."});
     } else {
-      std::string pointer = "/";
-      for (const char c : key.substr(0, 100)) pointer += c == '~' ? "~0" : c == '/' ? "~1" : std::string(1, c);
       errors.push_back(
-          {pointer, "There is no such field; known are volume, threshold, range, labels, inside, border."});
+          {pointer_to(key), "There is no such field; known are volume, threshold, range, labels, inside, border."});
     }
   }
   if (!json.contains("volume")) errors.push_back({"/volume", "Give the id of a stored volume."});
@@ -434,6 +485,36 @@ ModelWish model_wish(std::string_view text) {
     throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.", std::move(errors));
   }
   return wish;
+}
+
+SimplifyMethod simplify_wish(std::string_view text) {
+  const Json json = object_in(text, "{\"method\": \"best\", \"k\": 64}");
+  constexpr std::array<std::string_view, 3> words = {"method", "representative", "mode"};
+  OptionTexts texts;
+  std::vector<FieldError> errors;
+  for (const auto& [key, value] : json.items()) {
+    const bool known = std::ranges::find(method_option_names(), key) != method_option_names().end();
+    if (!known) {
+      texts.emplace_back(key, "");  // refused with the others of its kind
+    } else if (std::ranges::find(words, key) != words.end()) {
+      if (value.is_string()) texts.emplace_back(key, value.get<std::string>());
+      if (!value.is_string()) errors.push_back({pointer_to(key), "Give a word."});
+    } else if (key == "buckets") {
+      const bool good = value.is_array() && !value.empty() && value.size() <= 65536 &&
+                        std::ranges::all_of(value, [](const Json& j) { return j.is_number_unsigned(); });
+      if (!good) errors.push_back({pointer_to(key), "Give an array of numbers of buckets, counted from 0."});
+      std::string list;
+      for (const Json& bucket : good ? value : Json()) list += (list.empty() ? "" : ",") + bucket.dump();
+      if (good) texts.emplace_back(key, list);
+    } else {
+      if (value.is_number()) texts.emplace_back(key, value.dump());
+      if (!value.is_number()) errors.push_back({pointer_to(key), "Give a number."});
+    }
+  }
+  if (!errors.empty()) {
+    throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.", std::move(errors));
+  }
+  return parse_method(texts);
 }
 
 double acceptability(std::string_view accept, std::string_view type) {

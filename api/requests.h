@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "api/http.h"
@@ -42,14 +43,19 @@ class Query {
 /// `?limit=&cursor=`, limit within 1 … 1000, default 100.
 PageRequest page_request(const Query& query);
 
-/// `?columns=` (names of figures with commas between, each once) and `?order=`.
+/// `?rows=`, `?columns=` (names of figures with commas between, each once; those that the rows are for where it is
+/// absent) and `?order=`.
 SphereListing sphere_listing(const Query& query);
+
+/// `?levels=`: ascending whole numbers with commas between. Empty when absent.
+std::vector<std::uint32_t> tree_levels(const Query& query);
 
 /// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
 VolumeParameters volume_parameters(const Request& request);
 
-/// The options of core/render/options.h and `?with=`, and no other. Throws what check_render_options throws too.
-RenderRequest render_request(const Request& request);
+/// The options of core/render/options.h, `?with=` and `?level=`, and no other. Throws what check_render_options throws
+/// too.
+std::pair<RenderRequest, std::uint32_t> render_request(const Request& request);
 /// The query that asks for this picture: what differs from the defaults.
 std::string query_of(const RenderRequest& request);
 
@@ -79,6 +85,9 @@ struct ModelWish {
 /// Throws malformed for text that is not JSON, invalid_argument with a JSON pointer for every field that is unknown,
 /// missing or of the wrong kind.
 ModelWish model_wish(std::string_view json);
+
+/// The body of POST /v1/models/{model}/simplifications. Throws malformed and invalid_argument likewise.
+SimplifyMethod simplify_wish(std::string_view json);
 
 /// Whether `accept` (an Accept header; empty accepts all) allows `type`; its quality, 0 … 1, by the most specific
 /// range.

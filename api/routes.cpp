@@ -37,6 +37,8 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/models/{model}/checks"}, get_checks},
     {{"GET", "/v1/models/{model}/render"}, get_render},
     {{"GET", "/v1/models/{model}/exports/{format}"}, get_export},
+    {{"POST", "/v1/models/{model}/simplifications"}, post_simplification},
+    {{"GET", "/v1/models/{model}/tree"}, get_tree},
     {{"GET", "/v1/jobs"}, list_jobs},
     {{"GET", "/v1/jobs/{job}"}, get_job},
     {{"POST", "/v1/jobs/{job}/cancel"}, cancel_job},

@@ -30,6 +30,7 @@
 #include "core/measures.h"
 #include "core/render/render.h"
 #include "core/render/slice_picture.h"
+#include "core/simplify/simplify.h"
 #include "core/volume.h"
 
 namespace spherule::api {
@@ -110,17 +111,36 @@ struct ModelRequest {
   ObjectRule rule;
 };
 
+/// A simpler model of a model.
+struct SimplificationRequest {
+  std::string model;
+  SimplifyMethod method;
+};
+
+/// How a simplified model came to be, and how near it is to its object: the scan's where its chain of source models
+/// begins with one, else the union of the spheres that were imported.
+struct SimplificationInfo {
+  SimplificationRequest request;
+  std::uint32_t levels = 0;  ///< level k shows at most k spheres; the last is the model itself
+  std::uint64_t nodes = 0;   ///< spheres of all levels together
+  Achieved achieved;
+  std::optional<double> optimality_gap;  ///< as of BestSpheres
+  double seconds = 0;                    ///< that the method took
+};
+
 struct ModelInfo {
   std::string id;
   Time created;
   std::string algorithm_version;
-  std::optional<ModelRequest> source;  ///< absent: imported
-  std::string imported_format;         ///< "csv" or "npy" when imported
+  // Exactly one of these three is there.
+  std::optional<ModelRequest> source;
+  std::optional<SimplificationInfo> simplification;
+  std::string imported_format;  ///< "csv" or "npy"
   std::uint64_t boundary_points = 0;
   std::uint64_t tetrahedra = 0, inside_tetrahedra = 0;  ///< all finite cells of the tetrahedralization; those inside
   std::uint64_t spheres = 0;
   double boundary_point_density_mm = 0;
-  std::optional<VoxelMeasures> voxels;  ///< of the inside samples; absent when imported
+  std::optional<VoxelMeasures> voxels;  ///< of the inside samples; raw models only
   Box bounds;
   std::map<std::string, double> timings_s;  ///< by stage
   std::vector<std::string> warnings;
@@ -128,35 +148,61 @@ struct ModelInfo {
 
 enum class SphereFormat : std::uint8_t { csv, npy, ply, vtp };
 
-/// What can be told of a sphere beside x, y, z and r. All but `index` need the union to be measured.
+/// What can be told of a sphere beside x, y, z and r.
 enum class SphereFigure : std::uint8_t {
-  index,             ///< in the model, from 0
+  index,  ///< in the model or in its level, from 0
+  // These five need the union to be measured.
   volume_mm3,        ///< its part of the union: the ball within its power cell
   area_mm2,          ///< its part of the union's surface
   share,             ///< its part of the union's volume, 0 … 1
   rank,              ///< by volume_mm3, from 1
   cumulative_share,  ///< of the spheres up to this rank
+  // Of a simplified model's spheres.
+  node,        ///< its place among the spheres of all levels, from 0
+  parent,      ///< the node that it refines, or -1
+  level_from,  ///< the first level that shows it
+  level_to,    ///< the last one
+  members,     ///< how many of the source model's spheres it stands for
+  // Of a source model's spheres.
+  cluster,  ///< index of the simplified sphere that stands for it, or -1
 };
-inline constexpr std::array sphere_figures{SphereFigure::index,    SphereFigure::volume_mm3,
-                                           SphereFigure::area_mm2, SphereFigure::share,
-                                           SphereFigure::rank,     SphereFigure::cumulative_share};
+inline constexpr std::array sphere_figures{
+    SphereFigure::index,      SphereFigure::volume_mm3,       SphereFigure::area_mm2, SphereFigure::share,
+    SphereFigure::rank,       SphereFigure::cumulative_share, SphereFigure::node,     SphereFigure::parent,
+    SphereFigure::level_from, SphereFigure::level_to,         SphereFigure::members,  SphereFigure::cluster};
+constexpr bool is_contribution(SphereFigure f) {
+  return f >= SphereFigure::volume_mm3 && f <= SphereFigure::cumulative_share;
+}
+constexpr bool is_of_levels(SphereFigure f) { return f >= SphereFigure::node && f <= SphereFigure::members; }
+
 enum class SphereOrder : std::uint8_t { index, contribution };
 
-/// How spheres are listed: which figures follow x, y, z, r, and in which order the rows are.
+/// What the rows of a listing are. All but `spheres` are for simplified models.
+enum class SphereRows : std::uint8_t {
+  spheres,  ///< of the model, or of the level asked for
+  nodes,    ///< of all levels
+  members,  ///< of the source model
+};
+
+/// How spheres are listed: what the rows are, which figures follow x, y, z, r, and in which order.
 struct SphereListing {
-  std::vector<SphereFigure> columns;
+  std::vector<SphereFigure> columns{};
   SphereOrder order = SphereOrder::index;
+  SphereRows rows = SphereRows::spheres;
 
   bool needs_contributions() const {
-    return order == SphereOrder::contribution ||
-           std::ranges::any_of(columns, [](SphereFigure f) { return f != SphereFigure::index; });
+    return order == SphereOrder::contribution || std::ranges::any_of(columns, is_contribution);
   }
+  /// Whether only simplified models have this.
+  bool needs_levels() const { return rows != SphereRows::spheres || std::ranges::any_of(columns, is_of_levels); }
 };
 
 struct SpherePage {
   std::uint64_t total = 0;
   std::vector<Sphere> spheres;
   std::vector<SphereColumn> columns;  ///< as listed
+  /// Of each sphere, when they were asked for: ascending indices of spheres of the source model.
+  std::optional<std::vector<std::vector<std::uint32_t>>> members;
 };
 
 /// As what figures are asked for: their numbers, pixels, or shapes.
@@ -174,6 +220,10 @@ struct ExportRequest {
   SphereFormat format = SphereFormat::csv;
   SphereListing listing{};
 };
+/// Levels of a simplified model as a tree: a JSON document.
+struct TreeRequest {
+  std::vector<std::uint32_t> levels;  ///< ascending
+};
 /// Every sphere's part of the union: not sent as it is, but needed by measures and by listings of spheres.
 struct ContributionsRequest {};
 struct SliceRequest {
@@ -186,7 +236,10 @@ struct SliceRequest {
 };
 struct DerivedRequest {
   std::string model;  ///< empty for a slice, which is of a volume
-  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, SliceRequest> what;
+  std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, SliceRequest,
+               TreeRequest>
+      what;
+  std::uint32_t level = 0;  ///< of a simplified model, in place of its last; 0: that one
 };
 
 // ------------------------------------------------------------------------------------------------------------- jobs
@@ -197,7 +250,8 @@ constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
 
 struct JobInfo {
   std::string id;
-  std::string kind;  ///< "model", "measures", "checks", "render", "export", "contributions" or "slice"
+  std::string
+      kind;  ///< "model", "simplification", "measures", "checks", "render", "export", "contributions", "slice", "tree"
   JobState state = JobState::queued;
   std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
   double progress = 0;                        ///< 0 … 1 over all stages; never goes back
@@ -281,17 +335,21 @@ class Service {
   /// and waited for at most `wait`. Throws the job's error when it fails in that time; not_found without the volume;
   /// busy when the queue is full.
   virtual Outcome<StoredModel> make_model(const ModelRequest& request, Seconds wait) = 0;
+  /// Like make_model. Throws what check_method throws, before a job is started; not_found without the source model.
+  virtual Outcome<StoredModel> simplify_model(const SimplificationRequest& request, Seconds wait) = 0;
   /// A model of spheres that the user brings, in one uploaded file.
   virtual StoredModel import_model(std::unique_ptr<Upload> upload, SphereFormat format) = 0;
   virtual Page<ModelInfo> models(const PageRequest& page) = 0;
   virtual ModelInfo model(const std::string& id) = 0;
+  /// Deletes the model with all that was made from it.
   virtual void delete_model(const std::string& id) = 0;
-  /// Rows of a listing. Throws not_found when it needs contributions and derive() has not made them.
-  virtual SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
-                             const SphereListing& listing) = 0;
+  /// Rows of a listing, of a level as in DerivedRequest; `members` of each row too where wanted. Throws not_found when
+  /// it needs contributions and derive() has not made them, unusable when only simplified models have what it needs.
+  virtual SpherePage spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
+                             const SphereListing& listing, bool members) = 0;
   virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) = 0;
   /// Like make_model, for what is derived from a model or volume: the finished answer's bytes. Throws unusable for
-  /// measures and checks that the model's kind does not have.
+  /// measures and checks that the model's kind does not have, invalid_argument for a level that it does not have.
   virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;
 
   virtual Page<JobInfo> jobs(const PageRequest& page) = 0;

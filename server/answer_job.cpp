@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/answer_job.h"
 
+#include <limits>
 #include <optional>
 #include <utility>
 #include <variant>
@@ -19,24 +20,29 @@ namespace spherule::server {
 
 namespace {
 
-std::string measures(Store& store, const Resource& resource, const SphereModel& model, JobContext& job) {
+std::string measures(Store& store, const Resource& resource, std::uint32_t level, const SphereModel& model,
+                     JobContext& job) {
   std::optional<Volume> volume;
   const std::optional<api::ModelRequest> source = api::model_from(resource.document).source;
   if (source) volume.emplace(store.stored_volume(store.find_volume(source->volume), job.context(0.1, 0.15)));
-  const UnionMeasures whole = store.union_of(resource, model, job.context(0.15, 0.5));
+  const UnionMeasures whole = store.union_of(resource, level, model, job.context(0.15, 0.5));
   std::optional<MeasuredObject> object;
   if (source) object.emplace(MeasuredObject{*volume, source->rule});
   return api::measures_document(resource.id, measure_model(model, whole, object, job.context(0.5, 0.95)));
 }
 
-std::string exported(Store& store, const Resource& resource, const SphereModel& model, const api::ExportRequest& wanted,
-                     const Context& context) {
+std::string exported(Store& store, const Resource& resource, std::uint32_t level, const SphereModel& model,
+                     const api::ExportRequest& wanted, const Context& context) {
+  const api::SphereListing& listing = wanted.listing;
   std::optional<Contributions> known;
-  if (wanted.listing.needs_contributions()) known.emplace(store.union_of(resource, model, context));
+  if (listing.needs_contributions()) known.emplace(store.union_of(resource, level, model, context));
   api::SpherePage listed;
   std::span<const Sphere> spheres = model.spheres;
-  if (wanted.listing.order != api::SphereOrder::index || !wanted.listing.columns.empty()) {
-    listed = rows(model, known ? &*known : nullptr, wanted.listing, 0, model.spheres.size());
+  if (listing.order != api::SphereOrder::index || listing.rows != api::SphereRows::spheres ||
+      !listing.columns.empty()) {
+    const ListedParts parts = store.listed_parts(resource, listing, false, context);
+    listed = rows({model, known ? &*known : nullptr, parts.levels.get(), level, parts.source.get()}, listing, false, 0,
+                  std::numeric_limits<std::uint64_t>::max());
     spheres = listed.spheres;
   }
   switch (wanted.format) {
@@ -69,8 +75,9 @@ Mesh surface_of(Store& store, const Resource& resource, const SphereModel& model
   return marching_cubes(volume, source->rule, samples, model.solid->boundary, context);
 }
 
-std::string pictures(Store& store, const Resource& resource, const std::shared_ptr<const SphereModel>& model,
-                     const api::RenderRequest& wanted, JobContext& job) {
+std::string pictures(Store& store, const Resource& resource, std::uint32_t level,
+                     const std::shared_ptr<const SphereModel>& model, const api::RenderRequest& wanted,
+                     JobContext& job) {
   std::vector<Resource> resources{resource};
   std::vector<std::shared_ptr<const SphereModel>> models{model};
   if (!wanted.with.empty()) {
@@ -85,7 +92,8 @@ std::string pictures(Store& store, const Resource& resource, const std::shared_p
       surfaces[i] = surface_of(store, resources[i], *models[i], job.context(0.15, 0.3));
     }
     if (wanted.options.colour_by == ColourBy::contribution) {
-      for (const BallPart& part : store.union_of(resources[i], *models[i], job.context(0.15, 0.3)).parts) {
+      const UnionMeasures whole = store.union_of(resources[i], i == 0 ? level : 0, *models[i], job.context(0.15, 0.3));
+      for (const BallPart& part : whole.parts) {
         volumes[i].push_back(part.volume_mm3);
       }
     }
@@ -94,6 +102,17 @@ std::string pictures(Store& store, const Resource& resource, const std::shared_p
   const std::vector<Image> frames = render(subjects, wanted.options, job.context(0.3, 0.95));
   constexpr int kFramesPerSecond = 15;
   return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
+}
+
+std::string tree(Store& store, const Resource& resource, const api::TreeRequest& wanted) {
+  const auto levels = store.load_levels(resource);
+  std::vector<std::uint32_t> numbers = wanted.levels;
+  if (numbers.empty()) {
+    for (std::uint64_t k = 1; k < levels->last_level(); k *= 8) numbers.push_back(static_cast<std::uint32_t>(k));
+    numbers.push_back(levels->last_level());
+  }
+  return api::tree_document(resource.id, api::model_from(resource.document).simplification->request.model, numbers,
+                            tree_of(*levels, numbers), members_at(*levels, numbers.back()));
 }
 
 // A slice of a volume, as numbers or as a picture.
@@ -141,21 +160,24 @@ Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
   const Resource resource = store.find_model(request.model);
   Context context = job.context(0, 0.1);
   context.report("load", 0);
-  const std::shared_ptr<const SphereModel> model = store.load(resource, context);
+  const std::shared_ptr<const SphereModel> model = store.load(resource, request.level, context);
   context = job.context(0.1, 0.95);
   context.report(record.kind, 0);
   if (std::holds_alternative<api::ContributionsRequest>(request.what)) {
-    return store.keep(request.model, measure_union(*model, context));
+    return store.keep(request.model, request.level, measure_union(*model, context));
   }
   std::string bytes;
-  if (std::holds_alternative<api::MeasuresRequest>(request.what)) bytes = measures(store, resource, *model, job);
+  if (std::holds_alternative<api::MeasuresRequest>(request.what)) {
+    bytes = measures(store, resource, request.level, *model, job);
+  }
   if (std::holds_alternative<api::ChecksRequest>(request.what)) bytes = checks(store, resource, *model, job);
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
-    bytes = pictures(store, resource, model, *render, job);
+    bytes = pictures(store, resource, request.level, model, *render, job);
   }
   if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
-    bytes = exported(store, resource, *model, *wanted, context);
+    bytes = exported(store, resource, request.level, *model, *wanted, context);
   }
+  if (const auto* wanted = std::get_if<api::TreeRequest>(&request.what)) bytes = tree(store, resource, *wanted);
   std::vector<std::string> inputs{request.model};
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
     inputs.push_back(render->with);

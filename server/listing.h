@@ -9,6 +9,7 @@
 
 #include "api/service.h"
 #include "core/ranking.h"
+#include "core/simplify/result.h"
 #include "core/spheres.h"
 #include "core/union.h"
 
@@ -26,8 +27,17 @@ struct Contributions {
   Ranking ranking;
 };
 
-/// Rows [first, first + count) of a listing. `contributions` may be null when the listing does not need them.
-api::SpherePage rows(const SphereModel& model, const Contributions* contributions, const api::SphereListing& listing,
-                     std::uint64_t first, std::uint64_t count);
+/// What listings are of. What a listing does not need may be null.
+struct Listed {
+  const SphereModel& model;  ///< or its level
+  const Contributions* contributions = nullptr;
+  const Simplification* levels = nullptr;
+  std::uint32_t level = 0;              ///< as in api::DerivedRequest
+  const SphereModel* source = nullptr;  ///< that the model was simplified from
+};
+
+/// Rows [first, first + count) of a listing, with the members of each sphere where wanted.
+api::SpherePage rows(const Listed& of, const api::SphereListing& listing, bool members, std::uint64_t first,
+                     std::uint64_t count);
 
 }  // namespace spherule::server

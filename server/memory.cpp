@@ -32,6 +32,15 @@ std::uint64_t memory_to_derive(const api::ModelInfo& model) {
   return model.tetrahedra > 0 ? model.tetrahedra * bytes_a_tetrahedron : model.spheres * bytes_a_sphere;
 }
 
+std::uint64_t memory_to_simplify(const api::ModelInfo& model, const std::optional<Grid>& grid) {
+  // By count: 5 bytes a sample for distances, 4 where balls are refined, the volume itself before that; of a raw model
+  // 120 bytes a sphere for its clusters, and itself.
+  constexpr std::uint64_t bytes_a_sample = 10, bytes_a_raw_sphere = 160, samples_of_a_union = std::uint64_t{1} << 22;
+  const std::uint64_t samples = grid ? grid->sample_count() : samples_of_a_union;
+  return samples * bytes_a_sample + model.spheres * (model.tetrahedra > 0 ? bytes_a_raw_sphere : bytes_a_sphere) +
+         model.tetrahedra * sizeof(Tetrahedron);
+}
+
 std::uint64_t memory_to_slice(const api::VolumeInfo& volume) {
   return volume.grid.sample_count() * bytes_per_voxel(volume.type);
 }

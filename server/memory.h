@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "api/service.h"
 #include "core/volume.h"
@@ -21,6 +22,9 @@ std::uint64_t memory_to_model(const Grid& grid, VoxelType type, std::size_t boun
 
 /// Of deriving an answer from a model.
 std::uint64_t memory_to_derive(const api::ModelInfo& model);
+
+/// Of simplifying a model; `grid` is that of the scan that its first source model was made from, if any.
+std::uint64_t memory_to_simplify(const api::ModelInfo& model, const std::optional<Grid>& grid);
 
 /// Of drawing a slice: the whole volume is read.
 std::uint64_t memory_to_slice(const api::VolumeInfo& volume);

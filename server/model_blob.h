@@ -4,7 +4,7 @@
 //
 //   8 bytes   "SPHERULE"
 //   u32       format version: 1
-//   u32       kind: 1 a raw model (with its solid), 2 a plain set of spheres
+//   u32       kind: 1 a raw model (with its solid), 2 a plain set of spheres, 3 a simplified model with its levels
 //
 //   kind 1:
 //   i32 x 3   dims of the grid
@@ -24,6 +24,14 @@
 //   u64       number of spheres N
 //   f64 x 4N  x y z r, LPS mm
 //
+//   kind 3 (core/simplify/result.h):
+//   u64       number of nodes N
+//   u64       number of members M
+//   f64 x 4N  x y z r, LPS mm
+//   u32 x 3N  parent, from, to
+//   u32 x N+1 where each node's members begin
+//   u32 x M   members
+//
 // The spheres of a raw model are not stored: circumspheres() makes the same ones again, faster than a disk reads them.
 // The blob store checks the bytes against their digest; what is checked here is that they make sense.
 #pragma once
@@ -32,6 +40,7 @@
 #include <string_view>
 
 #include "core/base/context.h"
+#include "core/simplify/result.h"
 #include "core/spheres.h"
 #include "server/staging.h"
 
@@ -40,11 +49,18 @@ namespace spherule::server {
 /// Hands the model's bytes to `append`, in pieces of a few MiB at most. Throws what `append` throws.
 void write_model(const SphereModel& model, const std::function<void(std::string_view)>& append);
 
-/// The model in a blob. Throws corrupt for bytes that write_model did not write, before memory is taken for them.
-/// O(cells); the memory of the model alone.
+/// The same for a simplified model with all its levels.
+void write_levels(const Simplification& levels, const std::function<void(std::string_view)>& append);
+
+/// The model in a blob; of a simplified one its last level. Throws corrupt for bytes that write_model did not write,
+/// before memory is taken for them. O(cells); the memory of the model alone.
 SphereModel read_model(const Blob& blob, const Context& context = {});
+
+/// What write_levels wrote. Throws corrupt for anything else.
+Simplification read_levels(const Blob& blob);
 
 /// Memory that a model takes.
 std::size_t bytes_in_memory(const SphereModel& model);
+std::size_t bytes_in_memory(const Simplification& levels);
 
 }  // namespace spherule::server

@@ -19,6 +19,7 @@
 #include "server/answer_job.h"
 #include "server/memory.h"
 #include "server/model_job.h"
+#include "server/simplification_job.h"
 #include "server/store.h"
 #include "server/upload.h"
 
@@ -65,15 +66,39 @@ JobInfo job_info(const JobStatus& status) {
   job.warnings = record.warnings;
   if (record.error && record.error->code) job.error.emplace(*record.error->code, record.error->sentence);
   if (record.state == JobState::succeeded) {
-    job.result =
-        record.kind == "model" ? "/v1/models/" + record.result_id : api::path_of(api::derived_from(record.request));
+    job.result = record.kind == "model" || record.kind == "simplification"
+                     ? "/v1/models/" + record.result_id
+                     : api::path_of(api::derived_from(record.request));
   }
   return job;
 }
 
 std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 6> kinds = {"measures", "checks", "render", "export", "contributions", "slice"};
+  constexpr std::array<const char*, 7> kinds = {"measures",      "checks", "render", "export",
+                                                "contributions", "slice",  "tree"};
   return kinds[request.what.index()];
+}
+
+Resource run(Store& store, const JobRecord& record, JobContext& context) {
+  if (record.kind == "model") return run_model(store, record, context);
+  if (record.kind == "simplification") return run_simplification(store, record, context);
+  return run_answer(store, record, context);
+}
+
+// The level of a model that is meant: 0 for all of it. Throws where it has no such level, and where it has none at all
+// but they are needed.
+std::uint32_t level_of(const ModelInfo& model, std::uint32_t wanted, bool needed) {
+  if (wanted == 0 && !needed) return 0;
+  if (!model.simplification) {
+    throw Error(ErrorCode::unusable, "Only simplified models have levels and members; simplify the model first.");
+  }
+  const std::uint32_t last = model.simplification->levels;
+  if (wanted > last) {
+    const std::string sentence =
+        "Give a level within 1 and " + std::to_string(last) + ", which shows the most spheres.";
+    throw Error(ErrorCode::invalid_argument, sentence, {{"level", sentence}});
+  }
+  return wanted == last ? 0 : wanted;
 }
 
 }  // namespace
@@ -98,10 +123,8 @@ struct Pipeline::State {
              .queue_per_client = config.queue_per_client,
              .memory_bytes = config.job_memory_bytes},
             store.catalog, store.blobs,
-            [this](const JobRecord& record, JobContext& context) {
-              return record.kind == "model" ? run_model(store, record, context) : run_answer(store, record, context);
-            },
-            logs.fault, logs.job_ended) {
+            [this](const JobRecord& record, JobContext& context) { return run(store, record, context); }, logs.fault,
+            logs.job_ended) {
     sweeper = std::jthread([this](const std::stop_token& stop) { sweep(stop); });
   }
 
@@ -149,6 +172,15 @@ struct Pipeline::State {
       throw std::runtime_error("a job failed");
     }
     return status;
+  }
+
+  // The model of this id as it is, or of a job of this kind.
+  api::Outcome<api::StoredModel> model_of(const char* kind, const std::string& id, const std::string& request,
+                                          const std::string& client, std::uint64_t memory, Seconds wait) {
+    if (const auto known = store.find_any(id)) return api::StoredModel{api::model_from(known->document), true};
+    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory), wait);
+    if (status.record.state != JobState::succeeded) return job_info(status);
+    return api::StoredModel{api::model_from(store.find_model(id).document), false};
   }
 
   // A mapped page of a list of the catalogue.
@@ -269,12 +301,20 @@ api::Outcome<api::StoredModel> Pipeline::make_model(const api::ModelRequest& req
   Store& s = state_->store;
   const Resource volume = s.find_volume(request.volume);
   const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  if (const auto known = s.find_any(id)) return api::StoredModel{api::model_from(known->document), true};
   const VolumeInfo info = api::volume_from(volume.document);
-  const JobStatus status = state_->wait_for(
-      state_->pool.submit("model", id, api::record_of(request), client_, memory_to_model(info.grid, info.type)), wait);
-  if (status.record.state != JobState::succeeded) return job_info(status);
-  return api::StoredModel{model(id), false};
+  return state_->model_of("model", id, api::record_of(request), client_, memory_to_model(info.grid, info.type), wait);
+}
+
+api::Outcome<api::StoredModel> Pipeline::simplify_model(const api::SimplificationRequest& request, Seconds wait) {
+  const ModelInfo source = model(request.model);
+  check_method(request.method, source.spheres);
+  ModelInfo first = source;
+  while (first.simplification) first = model(first.simplification->request.model);
+  std::optional<Grid> grid;
+  if (first.source) grid = volume(first.source->volume).grid;
+  const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
+  return state_->model_of("simplification", id, api::record_of(request), client_, memory_to_simplify(source, grid),
+                          wait);
 }
 
 api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) {
@@ -316,20 +356,24 @@ void Pipeline::delete_model(const std::string& id) {
   state_->store.remove(id);
 }
 
-api::SpherePage Pipeline::spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
-                                  const api::SphereListing& listing) {
+api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
+                                  const api::SphereListing& listing, bool members) {
   Store& s = state_->store;
-  const auto model = s.load(s.find_model(id), s.request_context());
+  const Resource resource = s.find_model(id);
+  level = level_of(api::model_from(resource.document), level, listing.needs_levels() || members);
+  const auto model = s.load(resource, level, s.request_context());
+  const ListedParts parts = s.listed_parts(resource, listing, members, s.request_context());
   std::shared_ptr<const Contributions> contributions;
   if (listing.needs_contributions()) {
-    const Resource answer = s.find(Store::contributions_id(id), answers_collection, "measure");
+    const Resource answer = s.find(Store::contributions_id(id, level), answers_collection, "measure");
     contributions = s.contributions.get_or_load(answer.id, [&] {
       const Store::Permit permit(s);
       const auto loaded = std::make_shared<const Contributions>(s.read_union_of(answer, *model));
       return Cache<Contributions>::Loaded{loaded, loaded->bytes()};
     });
   }
-  return rows(*model, contributions.get(), listing, offset, limit);
+  return rows({*model, contributions.get(), parts.levels.get(), level, parts.source.get()}, listing, members, offset,
+              limit);
 }
 
 RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) {
@@ -337,17 +381,24 @@ RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t bu
   return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 
-api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& request, Seconds wait) {
+api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Seconds wait) {
   Store& s = state_->store;
+  DerivedRequest request = wanted;
   std::uint64_t memory = 0;
   if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) {
     memory = memory_to_slice(api::volume_from(s.find_volume(slice->volume).document));
   } else {
-    const Resource model = s.find_model(request.model);
-    if (model.inputs.empty() && std::holds_alternative<api::ChecksRequest>(request.what)) {
-      throw Error(ErrorCode::unusable, "Imported spheres have no scan to be checked against; ask for their measures.");
+    const ModelInfo model = this->model(request.model);
+    if (!model.source && std::holds_alternative<api::ChecksRequest>(request.what)) {
+      throw Error(ErrorCode::unusable,
+                  "Only models made from a scan can be checked against it; ask for this one's measures.");
     }
-    memory = memory_to_derive(api::model_from(model.document));
+    const auto* listed = std::get_if<api::ExportRequest>(&request.what);
+    const auto* tree = std::get_if<api::TreeRequest>(&request.what);
+    request.level =
+        level_of(model, request.level, tree != nullptr || (listed != nullptr && listed->listing.needs_levels()));
+    if (tree != nullptr && !tree->levels.empty()) static_cast<void>(level_of(model, tree->levels.back(), true));
+    memory = memory_to_derive(model);
   }
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
     static_cast<void>(s.find_model(render->with));

@@ -52,12 +52,13 @@ class Pipeline final : public api::Service {
   std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) override;
   void delete_volume(const std::string& id) override;
   api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override;
+  api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override;
   api::StoredModel import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) override;
   api::Page<api::ModelInfo> models(const api::PageRequest& page) override;
   api::ModelInfo model(const std::string& id) override;
   void delete_model(const std::string& id) override;
-  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
-                          const api::SphereListing& listing) override;
+  api::SpherePage spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
+                          const api::SphereListing& listing, bool members) override;
   RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override;
   api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override;
   api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;

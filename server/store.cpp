@@ -35,6 +35,7 @@ Store::Store(const Config& given)
       catalog((std::filesystem::create_directories(given.data), given.catalog_file())),
       blobs((given.blob_folder())),
       cache(given.model_cache_bytes),
+      levels(given.model_cache_bytes / 4),
       contributions(given.model_cache_bytes / 4),
       open_blobs(256),
       heavy(static_cast<std::ptrdiff_t>(given.jobs_at_once)) {
@@ -60,7 +61,8 @@ std::optional<Resource> Store::find_any(const std::string& id) {
 void Store::remove(const std::string& id) {
   for (const std::string& key : withdraw(catalog, blobs, id)) open_blobs.erase(key);
   cache.erase(id);
-  contributions.erase(contributions_id(id));
+  levels.erase(id);
+  contributions.erase(contributions_id(id, 0));
 }
 
 std::shared_ptr<const Blob> Store::intact(const std::string& key) {
@@ -109,9 +111,36 @@ std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const C
   });
 }
 
-Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch) {
+std::shared_ptr<const SphereModel> Store::load(const Resource& resource, std::uint32_t level, const Context& context) {
+  if (level == 0) return load(resource, context);
+  return std::make_shared<const SphereModel>(
+      SphereModel{.spheres = spheres_at(*load_levels(resource), level), .solid = {}});
+}
+
+std::shared_ptr<const Simplification> Store::load_levels(const Resource& resource) {
+  return levels.get_or_load(resource.id, [&] {
+    const Permit permit(*this);
+    const Blob blob = blobs.open(resource.blobs.at(0));
+    blob.verify();
+    const auto loaded = std::make_shared<const Simplification>(read_levels(blob));
+    return Cache<Simplification>::Loaded{loaded, bytes_in_memory(*loaded)};
+  });
+}
+
+ListedParts Store::listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
+                                const Context& context) {
+  ListedParts parts;
+  if (listing.needs_levels() || members) parts.levels = load_levels(resource);
+  if (listing.rows == api::SphereRows::members) {
+    parts.source = load(find_model(api::model_from(resource.document).simplification->request.model), context);
+  }
+  return parts;
+}
+
+Resource Store::keep(api::ModelInfo& info,
+                     const std::function<void(const std::function<void(std::string_view)>&)>& write, Stopwatch& watch) {
   const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
-  write_model(model, [&](std::string_view piece) { staging->append(piece); });
+  write([&](std::string_view piece) { staging->append(piece); });
   Resource resource;
   resource.id = info.id;
   resource.collection = models_collection;
@@ -121,6 +150,12 @@ Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch
   info.timings_s = watch.seconds();
   info.created = now();
   resource.document = api::record_of(info);
+  return resource;
+}
+
+Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch) {
+  Resource resource = keep(
+      info, [&](const auto& append) { write_model(model, append); }, watch);
   cache.get_or_load(info.id, [&] {
     const std::size_t bytes = bytes_in_memory(model);
     return Cache<SphereModel>::Loaded{std::make_shared<const SphereModel>(std::move(model)), bytes};
@@ -128,9 +163,14 @@ Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch
   return resource;
 }
 
-std::string Store::contributions_id(const std::string& model) {
-  return content_id("ans",
-                    api::identity_of({.model = model, .what = api::ContributionsRequest{}}, algorithm_version_text()));
+Resource Store::keep(api::ModelInfo& info, const Simplification& simplified, Stopwatch& watch) {
+  return keep(
+      info, [&](const auto& append) { write_levels(simplified, append); }, watch);
+}
+
+std::string Store::contributions_id(const std::string& model, std::uint32_t level) {
+  return content_id("ans", api::identity_of({.model = model, .what = api::ContributionsRequest{}, .level = level},
+                                            algorithm_version_text()));
 }
 
 UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& model) const {
@@ -143,28 +183,29 @@ UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& mo
   return whole;
 }
 
-Resource Store::keep(const std::string& model, const UnionMeasures& whole) {
+Resource Store::keep(const std::string& model, std::uint32_t level, const UnionMeasures& whole) {
   const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
   write_union(whole, [&](std::string_view piece) { staging->append(piece); });
   Resource answer;
-  answer.id = contributions_id(model);
+  answer.id = contributions_id(model, level);
   answer.collection = answers_collection;
-  answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}});
+  answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}, .level = level});
   answer.inputs = {model};
   answer.bytes = staging->size();
   answer.blobs = {staging->commit("answers/" + answer.id)};
   return answer;
 }
 
-UnionMeasures Store::union_of(const Resource& resource, const SphereModel& model, const Context& context) {
-  if (const auto known = catalog.find(contributions_id(resource.id))) try {
+UnionMeasures Store::union_of(const Resource& resource, std::uint32_t level, const SphereModel& model,
+                              const Context& context) {
+  if (const auto known = catalog.find(contributions_id(resource.id, level))) try {
       return read_union_of(*known, model);
     } catch (const Error& error) {
       if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
       remove(known->id);
     }
   UnionMeasures whole = measure_union(model, context);
-  publish(catalog, blobs, keep(resource.id, whole));
+  publish(catalog, blobs, keep(resource.id, level, whole));
   return whole;
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 
 #include "api/service.h"
 #include "core/base/context.h"
+#include "core/simplify/result.h"
 #include "core/spheres.h"
 #include "core/union.h"
 #include "core/volume.h"
@@ -51,6 +53,12 @@ class Stopwatch {
  private:
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
   std::map<std::string, double> seconds_;
+};
+
+/// Null where a listing does not need it.
+struct ListedParts {
+  std::shared_ptr<const Simplification> levels;
+  std::shared_ptr<const SphereModel> source;  ///< that the model was simplified from
 };
 
 /// Thread safe. Ids that nothing bears throw not_found; damaged bytes throw corrupt.
@@ -95,25 +103,40 @@ struct Store {
               const api::VolumeParameters& parameters, const Context& context) const;
   Volume stored_volume(const Resource& resource, const Context& context) const;
 
+  // In what follows, `level` is that of api::DerivedRequest: 0 for the whole model.
+
   /// The model, from memory or the disk.
   std::shared_ptr<const SphereModel> load(const Resource& resource, const Context& context);
+  std::shared_ptr<const SphereModel> load(const Resource& resource, std::uint32_t level, const Context& context);
+  /// The levels of a simplified model, likewise.
+  std::shared_ptr<const Simplification> load_levels(const Resource& resource);
+  /// What rows of a listing need of a model beside its spheres and contributions.
+  ListedParts listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
+                           const Context& context);
   /// Makes the model's blob durable and describes it as a resource.
   Resource keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch);
+  Resource keep(api::ModelInfo& info, const Simplification& levels, Stopwatch& watch);
 
-  static std::string contributions_id(const std::string& model);
+  static std::string contributions_id(const std::string& model, std::uint32_t level);
   UnionMeasures read_union_of(const Resource& answer, const SphereModel& model) const;
   /// Makes the measures of a model's union durable and describes them as a resource.
-  Resource keep(const std::string& model, const UnionMeasures& whole);
+  Resource keep(const std::string& model, std::uint32_t level, const UnionMeasures& whole);
   /// As kept, or measured and kept: several answers need it, and it takes longest.
-  UnionMeasures union_of(const Resource& resource, const SphereModel& model, const Context& context);
+  UnionMeasures union_of(const Resource& resource, std::uint32_t level, const SphereModel& model,
+                         const Context& context);
 
   Config config;
   Catalog catalog;  // its lock comes before anything else is touched
   FileBlobStore blobs;
   Cache<SphereModel> cache;
+  Cache<Simplification> levels;
   Cache<Contributions> contributions;
   Cache<Blob> open_blobs;  // counted, not weighed
   std::counting_semaphore<> heavy;
+
+ private:
+  Resource keep(api::ModelInfo& info, const std::function<void(const std::function<void(std::string_view)>&)>& write,
+                Stopwatch& watch);
 };
 
 }  // namespace spherule::server

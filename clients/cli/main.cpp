@@ -22,6 +22,7 @@
 #include "core/io/export.h"
 #include "core/measures.h"
 #include "core/pipeline.h"
+#include "core/simplify/simplify.h"
 
 namespace spherule::cli {
 namespace {
@@ -217,6 +218,54 @@ struct Run {
     export_spheres(built.model.spheres);
   }
 
+  void simplify() {
+    if (!options.method) throw UsageError("Say how to simplify: --method best,k=64; see spherule --help.");
+    std::optional<Volume> volume;
+    ObjectRule object;
+    if (!holds_spheres(options)) {
+      volume.emplace(read());
+      object = rule(*volume);
+    }
+    const BuiltModel built = volume ? build(*volume) : obtain();
+    counts(built);
+    const SampledObject samples = timed("object", [&] {
+      if (!volume) return sample_union(built.model.spheres, std::size_t{1} << 22, context);
+      return SampledObject{
+          .grid = volume->grid, .inside = classify_samples(*volume, object, context).inside, .border = object.border};
+    });
+    const Reference reference = timed("reference", [&] { return reference_of(built.model, context); });
+    const Simplified simplified = spherule::simplify(built.model, samples, reference, *options.method, context);
+    timings.push_back({"simplify", simplified.seconds});
+    timings.push_back({"evaluate", simplified.evaluate_seconds});
+    achieved(simplified);
+    export_spheres(spheres_at(simplified.order, simplified.order.last_level()));
+  }
+
+  void achieved(const Simplified& simplified) {
+    const Achieved& a = simplified.achieved;
+    report.heading("Achieved");
+    report.row("k", a.spheres);
+    report.row("iou", a.iou);
+    report.row("object_volume", a.object_mm3, "mm3");
+    report.row("covered_volume", a.covered_mm3, "mm3");
+    report.row("spilled_volume", a.spilled_mm3, "mm3");
+    report.row("never_spills", a.never_spills ? "yes" : "no");
+    report.row("covers_all", a.covers_all ? "yes" : "no");
+    report.row("volume", a.volume_mm3, "mm3");
+    report.row("volume_error", a.volume_error);
+    report.row("area", a.area_mm2, "mm2");
+    report.row("area_error", a.area_error);
+    if (a.hausdorff) {
+      report.row("hausdorff", a.hausdorff->mm, "mm");
+      report.row("hausdorff_of_diagonal", a.hausdorff->of_diagonal);
+      report.row("object_to_spheres", a.hausdorff->to_spheres, "mm");
+      report.row("spheres_to_object", a.hausdorff->to_object, "mm");
+    }
+    topology("before", a.before);
+    topology("after", a.after);
+    if (simplified.optimality_gap) report.row("optimality_gap", *simplified.optimality_gap);
+  }
+
   void measures() {
     std::optional<Volume> volume;
     ObjectRule object;
@@ -329,6 +378,7 @@ struct Run {
     if (command == "info") return info();
     if (command == "points") points();
     if (command == "model" || command == "export") model();
+    if (command == "simplify") simplify();
     if (command == "measures") measures();
     if (command == "checks") checks();
     if (command == "render") render();
@@ -343,7 +393,8 @@ void check_output(const Options& options) {
     if (picture || options.command == "export") throw UsageError("Say where to: -o FILE.");
   } else if (picture) {
     if (options.out.extension() != ".png") throw UsageError("Pictures are PNG: -o FILE.png.");
-  } else if (options.command != "points" && options.command != "model" && options.command != "export") {
+  } else if (options.command != "points" && options.command != "model" && options.command != "simplify" &&
+             options.command != "export") {
     throw UsageError("The command " + options.command + " writes no file; leave out -o.");
   } else if (export_format(options.out) == nullptr) {
     throw UsageError("The output file must end in .csv, .npy, .ply or .vtp.");

@@ -20,13 +20,14 @@ Commands
   info      what the volume is: size, spacing, type, range of values
   points    boundary points (-o writes them as spheres of radius 0)
   model     the sphere model, stage by stage (-o writes its spheres)
+  simplify  a simpler model, and how near it is to the object (-o writes its spheres)
   measures  volume, area, moments and topology of each representation; thickness, components, enclosing sphere
   checks    the model's own guarantees, with counts of violations
   render    a picture of the spheres (-o picture.png)
   export    the spheres as a file (-o file.csv, .npy, .ply or .vtp)
 
-FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, measures,
-render and export a set of spheres (.csv or .npy with x y z r in mm).
+FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, simplify,
+measures, render and export a set of spheres (.csv or .npy with x y z r in mm).
 
 The object
   --threshold T          inside where value >= T
@@ -39,6 +40,15 @@ Reading
   --raw NX,NY,NZ,TYPE[,SX,SY,SZ[,OX,OY,OZ]][,big]   headerless samples, x fastest; TYPE by NumPy's names
   --frame N              of a file of several volumes
   --grid NAME            of an OpenVDB file
+
+Simplification
+  --method sphericity[,threshold=T][,limit=N][,representative=R]    clusters at least so round, at most N
+  --method median|average[,k=N][,representative=R]                  N clusters, by splitting the widest one
+  --method prune,least_radius_mm=R                                  spheres of at least this radius
+  --method prune,buckets=B,...[,bucket_count=N]                     spheres in these buckets of the radii
+  --method prune,volume_share=S | prune,k=N                         spheres with the largest parts of the volume
+  --method best,k=N | best,iou=S[,mode=inner|best|outer]            the N spheres that overlap best, or enough of them
+R is enclosing, largest, mean or volume.
 
 Pictures
   --view a|p|r|l|h|f     seen from the front, back, right, left, above (head), below (feet) (default: a)
@@ -57,7 +67,7 @@ Exit status: 0 done, 1 the data cannot be used, 2 the command line makes no sens
 
 namespace {
 
-constexpr std::array kCommands{"info", "points", "model", "measures", "checks", "render", "export"};
+constexpr std::array kCommands{"info", "points", "model", "simplify", "measures", "checks", "render", "export"};
 
 template <typename T>
 T number(std::string_view text, std::string_view option) {
@@ -118,6 +128,22 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
   return rule;
 }
 
+// "best,k=64": what has no name goes on with the value before it.
+OptionTexts method_words(std::string_view text) {
+  OptionTexts words;
+  for (const std::string_view part : split(text, ',')) {
+    const std::size_t equals = part.find('=');
+    if (words.empty()) {
+      words.emplace_back("method", part);
+    } else if (equals != part.npos) {
+      words.emplace_back(part.substr(0, equals), part.substr(equals + 1));
+    } else {
+      words.back().second += "," + std::string(part);
+    }
+  }
+  return words;
+}
+
 // The value of a table of names, or a UsageError that lists them.
 template <typename T, std::size_t N>
 T one_of(const std::array<std::pair<const char*, T>, N>& table, std::string_view text, std::string_view option) {
@@ -142,6 +168,7 @@ Options parse(int argc, char** argv) {
     raw,
     frame,
     grid,
+    method,
     view,
     size,
     samples,
@@ -159,6 +186,7 @@ Options parse(int argc, char** argv) {
                                  {"raw", required_argument, nullptr, raw},
                                  {"frame", required_argument, nullptr, frame},
                                  {"grid", required_argument, nullptr, grid},
+                                 {"method", required_argument, nullptr, method},
                                  {"view", required_argument, nullptr, view},
                                  {"size", required_argument, nullptr, size},
                                  {"samples", required_argument, nullptr, samples},
@@ -190,6 +218,7 @@ Options parse(int argc, char** argv) {
       case raw: options.read.raw = parse_raw(optarg); break;
       case frame: options.read.frame = number<int>(optarg, "--frame"); break;
       case grid: options.read.grid = optarg; break;
+      case method: options.method = parse_method(method_words(optarg)); break;
       case view:
         options.render.views.front() = one_of(
             std::array{std::pair{"a", View::anterior}, std::pair{"p", View::posterior}, std::pair{"r", View::right},

@@ -12,6 +12,7 @@
 #include "core/inside.h"
 #include "core/io/read.h"
 #include "core/render/render.h"
+#include "core/simplify/simplify.h"
 
 namespace spherule::cli {
 
@@ -21,11 +22,12 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-  std::string command;                       ///< info, points, model, measures, checks, render or export
+  std::string command;                       ///< info, points, model, simplify, measures, checks, render or export
   std::vector<std::filesystem::path> files;  ///< at least one
   ReadOptions read;
   std::optional<ObjectRule> rule;  ///< without its side, which `side` or else the volume decides
   std::optional<Side> side;
+  std::optional<SimplifyMethod> method;
   RenderOptions render;
   std::filesystem::path out;  ///< empty: nothing is written
   unsigned threads = 1;

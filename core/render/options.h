@@ -4,18 +4,13 @@
 #pragma once
 
 #include <span>
-#include <string>
 #include <string_view>
-#include <utility>
-#include <vector>
 
+#include "core/base/option_texts.h"
 #include "core/render/render.h"
 #include "core/render/slice_picture.h"
 
 namespace spherule {
-
-/// Names and values, in the order of render_option_names.
-using OptionTexts = std::vector<std::pair<std::string, std::string>>;
 
 /// Every option's name. Values: words for choices (the names of the enumerators), true and false, numbers in decimal
 /// notation, lists with commas. `view` and `views` are letters; `buckets` may have ranges: 0,3-5; `clip` is a normal or
@@ -28,7 +23,7 @@ std::span<const std::string_view> render_option_names();
 RenderOptions parse_render_options(const OptionTexts& given);
 
 /// Every option that matters, defaults filled in: equal pictures have equal texts, and parsing them gives the options
-/// back.
+/// back. In the order of render_option_names.
 OptionTexts render_option_texts(const RenderOptions& options);
 
 /// The same of slices. `window` and `level` come together; `region` is four numbers; `show` is a list of words. What

@@ -474,8 +474,7 @@ class Best {
 
 }  // namespace
 
-BestSpheres best_spheres(const SphereModel& model, const SampledObject& object, const BestOptions& options,
-                         const Context& context) {
+void check_options(const BestOptions& options, std::size_t model_count) {
   const auto refuse = [](const char* field, const char* sentence) {
     throw Error(ErrorCode::invalid_argument, sentence, {{field, sentence}});
   };
@@ -483,8 +482,13 @@ BestSpheres best_spheres(const SphereModel& model, const SampledObject& object, 
   if (options.iou && !(*options.iou > 0 && *options.iou <= 1)) {
     refuse("/iou", "Give iou as a number above 0 and at most 1.");
   }
-  detail::require_k(options.k.value_or(1), model.spheres.size());
+  detail::require_k(options.k.value_or(1), model_count);
   if (options.k.value_or(1) > kMost) refuse("/k", "Give k as at most 65535 for the method best.");
+}
+
+BestSpheres best_spheres(const SphereModel& model, const SampledObject& object, const BestOptions& options,
+                         const Context& context) {
+  check_options(options, model.spheres.size());
   if (object.inside.count() == 0) {
     throw Error(ErrorCode::unusable, "The object has no samples to overlap with; choose a finer volume.");
   }

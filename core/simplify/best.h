@@ -4,6 +4,7 @@
 // Beyond the paper.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 
@@ -22,8 +23,8 @@ struct BestOptions {
   };
   Mode mode = Mode::best;
   // Exactly one of these.
-  std::optional<std::uint32_t> k;  ///< spheres wanted: 1 … the model's count, at most 65,535
-  std::optional<double> iou;       ///< overlap to reach, in (0, 1], with about the fewest spheres that do
+  std::optional<std::uint32_t> k{};  ///< spheres wanted: 1 … the model's count, at most 65,535
+  std::optional<double> iou{};       ///< overlap to reach, in (0, 1], with about the fewest spheres that do
 };
 
 struct BestSpheres {
@@ -31,6 +32,9 @@ struct BestSpheres {
   /// inner: the part by which a better choice of as many of the candidates could at most cover more samples.
   std::optional<double> optimality_gap;
 };
+
+/// Throws what best_spheres throws for options out of their bounds for a model of so many spheres.
+void check_options(const BestOptions& options, std::size_t model_count);
 
 /// Candidates are the model's inside poles, thinned. A lazy greedy cover orders them by the samples that each adds, on
 /// rows of bits; they hold no outside sample. `inner` is that order. Else the first 1, 2, 4 … k of it are refined, each

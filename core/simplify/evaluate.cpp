@@ -125,6 +125,8 @@ Achieved evaluate(std::span<const Sphere> balls, const SampledObject& object, co
   a.object_mm3 = static_cast<double>(overlap.inside) * object.sample_mm3();
   a.covered_mm3 = static_cast<double>(overlap.covered) * object.sample_mm3();
   a.spilled_mm3 = static_cast<double>(overlap.spilled) * object.sample_mm3();
+  a.never_spills = overlap.spilled == 0 && never_spills(balls, object, context);
+  a.covers_all = overlap.covered == overlap.inside && covers_all(balls, object, context);
   const UnionMeasures measures = measure_union(balls, context);
   a.volume_mm3 = measures.moments.volume;
   a.volume_error = a.volume_mm3 / a.object_mm3 - 1;

@@ -25,11 +25,13 @@ Reference reference_of(const SphereModel& model, const Context& context = {});
 /// Relative errors are value / truth - 1.
 struct Achieved {
   std::uint64_t spheres = 0;
-  double iou = 0;          ///< samples in both object and balls / samples in either
-  double object_mm3 = 0;   ///< inside samples times the volume of one
-  double covered_mm3 = 0;  ///< of the object, in balls
-  double spilled_mm3 = 0;  ///< in balls, outside the object
-  double volume_mm3 = 0;   ///< of the union, exact
+  double iou = 0;             ///< samples in both object and balls / samples in either
+  double object_mm3 = 0;      ///< inside samples times the volume of one
+  double covered_mm3 = 0;     ///< of the object, in balls
+  double spilled_mm3 = 0;     ///< in balls, outside the object
+  bool never_spills = false;  ///< proven, see object.h: no ball touches an outside sample
+  bool covers_all = false;    ///< likewise: every inside sample is in a ball
+  double volume_mm3 = 0;      ///< of the union, exact
   double volume_error = 0;
   double area_mm2 = 0;  ///< of the union, exact
   double area_error = 0;

@@ -78,9 +78,13 @@ std::vector<std::uint32_t> kept(const SphereModel& model, const PruneOptions& op
 
 }  // namespace
 
-Simplification prune_spheres(const SphereModel& model, const PruneOptions& options, const Context& context) {
+void check_options(const PruneOptions& options, std::size_t model_count) {
   require_one_rule(options);
-  detail::require_k(options.k.value_or(1), model.spheres.size());
+  detail::require_k(options.k.value_or(1), model_count);
+}
+
+Simplification prune_spheres(const SphereModel& model, const PruneOptions& options, const Context& context) {
+  check_options(options, model.spheres.size());
   context.report("prune", 0);
   Simplification result;
   result.members = kept(model, options, context);

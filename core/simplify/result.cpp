@@ -28,10 +28,11 @@ std::vector<std::uint32_t> positions(std::size_t count, std::span<const std::uin
 
 bool is_valid(const Simplification& s, std::size_t model_count) {
   if (s.member_begin.size() != s.spheres.size() + 1 || s.member_begin.front() != 0 ||
-      s.member_begin.back() != s.members.size()) {
+      s.member_begin.back() != s.members.size() || !std::ranges::is_sorted(s.member_begin)) {
     return false;
   }
   const std::uint32_t last = s.last_level();
+  if (last > s.spheres.size()) return false;
   std::vector<std::int64_t> change(static_cast<std::size_t>(last) + 2, 0);
   std::vector<std::uint8_t> taken(model_count, 0);
   for (std::uint32_t i = 0; i < s.spheres.size(); ++i) {
@@ -46,7 +47,7 @@ bool is_valid(const Simplification& s, std::size_t model_count) {
     }
     ++change[l.from];
     --change[l.to + 1];
-    if (s.member_begin[i] > s.member_begin[i + 1] || (l.to != last && !s.members_of(i).empty())) return false;
+    if (l.to != last && !s.members_of(i).empty()) return false;
     std::int64_t before = -1;
     for (const std::uint32_t m : s.members_of(i)) {
       if (m >= model_count || taken[m] || m <= before) return false;

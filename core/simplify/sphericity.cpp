@@ -198,13 +198,17 @@ double sphericity(std::span<const Sphere> balls, std::span<const std::uint32_t> 
                        represent(Representative::enclosing, balls, {}, members).radius);
 }
 
-Simplification cluster_by_sphericity(const SphereModel& model, const SphericityOptions& options,
-                                     const Context& context) {
+void check_options(const SphericityOptions& options, std::size_t model_count) {
   if (!(options.threshold > 0 && options.threshold <= 1)) {
     const char* sentence = "Give the sphericity threshold as a number above 0 and at most 1.";
     throw Error(ErrorCode::invalid_argument, sentence, {{"/threshold", sentence}});
   }
-  detail::require_k(options.limit, model.spheres.size(), "limit");
+  detail::require_k(options.limit, model_count, "limit");
+}
+
+Simplification cluster_by_sphericity(const SphereModel& model, const SphericityOptions& options,
+                                     const Context& context) {
+  check_options(options, model.spheres.size());
   return Clustering(model, options, context).run();
 }
 

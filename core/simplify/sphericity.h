@@ -4,6 +4,7 @@
 // Source: Ranjan and Fournier, Volume Models for Volumetric Data (1994), section 3.4.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "core/base/context.h"
@@ -18,6 +19,9 @@ struct SphericityOptions {
   std::uint32_t limit = 256;  ///< the most spheres wanted: 1 … the model's count
   Representative representative = Representative::enclosing;
 };
+
+/// Throws what cluster_by_sphericity throws for options out of their bounds for a model of so many spheres.
+void check_options(const SphericityOptions& options, std::size_t model_count);
 
 /// Of a cluster: the radius of its largest member over that of the smallest sphere around all members; in (0, 1], and 1
 /// for a cluster of points in one place. Precondition: members not empty.

@@ -53,9 +53,13 @@ void find_axis(Cluster& cluster, std::span<const Sphere> balls, std::span<const 
 
 }  // namespace
 
+void check_options(const SplittingOptions& options, std::size_t model_count) {
+  detail::require_k(options.k, model_count);
+}
+
 Simplification split_spheres(const SphereModel& model, const SplittingOptions& options, const Context& context) {
   const std::span<const Sphere> balls = model.spheres;
-  detail::require_k(options.k, balls.size());
+  check_options(options, balls.size());
   const std::vector<double> shares = volume_shares(model, context);
   std::vector<std::uint32_t> order(balls.size());
   std::iota(order.begin(), order.end(), 0U);

@@ -5,6 +5,7 @@
 // quantization for frame buffer display (1982), for median cut.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "core/base/context.h"
@@ -24,6 +25,9 @@ struct SplittingOptions {
   /// Mean radii overlap best with the object, by a large part when clusters are many.
   Representative representative = Representative::mean;
 };
+
+/// Throws what split_spheres throws for options out of their bounds for a model of so many spheres.
+void check_options(const SplittingOptions& options, std::size_t model_count);
 
 /// Splits the cluster whose centres spread most (the largest variance along any direction) across that direction, its
 /// longest axis, at the median or the mean of its centres, until there are k. Ties go by index, so equal centres split

@@ -33,7 +33,7 @@ TEST(Records, OfVolumesReadBack) {
 }
 
 TEST(Records, OfModelsReadBack) {
-  for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info()}) {
+  for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info(), StubService::simplified_info()}) {
     EXPECT_EQ(record_of(model_from(record_of(m))), record_of(m));
     EXPECT_EQ(model_document(model_from(record_of(m))), model_document(m));
   }
@@ -63,6 +63,8 @@ TEST(Records, OfRequestsReadBack) {
            {kModel, RenderRequest{{.width = 3, .height = 4, .style = Style::blobs, .views = {View::left}}}},
            {kModel, RenderRequest{.with = kImported}},
            {kModel, ExportRequest{SphereFormat::vtp}},
+           {kModel, TreeRequest{{1, 8}}},
+           {kModel, RenderRequest{.options = {.views = {View::left}}}, 5},
            {kModel, ContributionsRequest{}},
            {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
            {{},
@@ -78,6 +80,24 @@ TEST(Records, OfRequestsReadBack) {
   EXPECT_EQ(path_of(derived_from(record_of(listed))),
             "/v1/models/" + kModel + "/exports/ply?columns=share,index&order=contribution");
   EXPECT_NE(identity_of(listed, "1"), identity_of({kModel, ExportRequest{SphereFormat::ply}}, "1"));
+}
+
+TEST(Records, OfSimplificationsReadBack) {
+  for (const SimplifyMethod& method : std::vector<SimplifyMethod>{
+           SphericityOptions{.threshold = 0.1, .limit = 3, .representative = Representative::volume},
+           SplittingOptions{.at = SplittingOptions::At::average, .k = 7, .representative = Representative::largest},
+           PruneOptions{.buckets = {2, 5}, .bucket_count = 9}, PruneOptions{.least_radius_mm = 0.3},
+           BestOptions{.mode = BestOptions::Mode::outer, .iou = 1.0 / 3}}) {
+    const SimplificationRequest request{.model = kModel, .method = method};
+    EXPECT_EQ(record_of(simplification_request_from(record_of(request))), record_of(request));
+    EXPECT_EQ(simplification_request_from(record_of(request)).method.index(), method.index());
+  }
+  const SimplificationRequest one{kModel, SplittingOptions{}}, other{kModel, SplittingOptions{.k = 255}};
+  EXPECT_NE(identity_of(one, "1"), identity_of(other, "1"));
+  EXPECT_EQ(identity_of(one, "1"), identity_of({kModel, parse_method({{"method", "median"}})}, "1")) << "defaults";
+  const DerivedRequest level{kModel,
+                             ExportRequest{.format = SphereFormat::csv, .listing = {.rows = SphereRows::members}}, 4};
+  EXPECT_EQ(path_of(derived_from(record_of(level))), "/v1/models/" + kModel + "/exports/csv?rows=members&level=4");
 }
 
 TEST(Records, ThatAreDamagedAreCorrupt) {

@@ -413,6 +413,110 @@ TEST_F(Routes, ListSpheresWithTheirContributions) {
   EXPECT_EQ(service.waited, 3);
 }
 
+TEST_F(Routes, Simplify) {
+  const std::string path = "/v1/models/" + kModel + "/simplifications";
+  service.already_stored = false;
+  const Response created =
+      ask("POST", path, {.headers = {{"Prefer", "wait=5"}}, .body = R"({"method": "best", "mode": "inner", "k": 3})"});
+  EXPECT_EQ(created.status, 201);
+  EXPECT_EQ(created.header("Location"), "/v1/models/" + kSimplified);
+  EXPECT_EQ(service.waited, 5);
+  ASSERT_TRUE(service.simplified);
+  EXPECT_EQ(service.simplified->model, kModel);
+  const auto& best = std::get<BestOptions>(service.simplified->method);
+  EXPECT_EQ(best.mode, BestOptions::Mode::inner);
+  EXPECT_EQ(best.k, 3U);
+  const Json json = body_of(created);
+  EXPECT_EQ(json["kind"], "simplified");
+  EXPECT_EQ(json["source"], Json({{"model", kModel}}));
+  EXPECT_EQ(json["parameters"], Json({{"method", "best"}, {"mode", "inner"}, {"k", 3}}));
+  EXPECT_EQ(json["counts"], Json({{"spheres", 3}, {"levels", 3}, {"nodes", 5}}));
+  EXPECT_EQ(json["achieved"]["optimality_gap"], 0.25);
+  EXPECT_EQ(json["achieved"]["never_spills"], true);
+  EXPECT_EQ(json["achieved"]["betti_before"], Json({1, 2, 0}));
+  EXPECT_EQ(json["links"]["tree"], "/v1/models/" + kSimplified + "/tree");
+
+  service.already_stored = true;
+  EXPECT_EQ(ask("POST", path, {.body = R"({"method": "prune", "buckets": [3, 1, 3], "bucket_count": 5})"}).status, 200);
+  const auto& prune = std::get<PruneOptions>(service.simplified->method);
+  EXPECT_EQ(prune.buckets, (std::vector<std::uint32_t>{1, 3}));
+  EXPECT_EQ(prune.bucket_count, 5U);
+  service.finished = false;
+  EXPECT_EQ(ask("POST", path, {.body = R"({"method": "median"})"}).status, 202);
+  EXPECT_EQ(ask("POST", "/v1/models/mdl_0/simplifications", {.body = R"({"method": "median"})"}).status, 404);
+  EXPECT_EQ(ask("POST", path, {.headers = {{"Content-Type", "text/csv"}}, .body = "x,y,z,r"}).status, 415);
+}
+
+TEST_F(Routes, RefuseWrongSimplificationsByField) {
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {R"({})", "/method "},
+      {R"({"method": "bset", "k": 3})", "/method "},
+      {R"({"method": 5})", "/method "},
+      {R"({"method": "median", "k": "64"})", "/k "},
+      {R"({"method": "median", "k": 1.5})", "/k "},
+      {R"({"method": "median", "k": -1})", "/k "},
+      {R"({"method": "median", "limit": 3, "colour": "red"})", "/colour /limit "},
+      {R"({"method": "best", "k": 3, "mode": "outside"})", "/mode "},
+      {R"({"method": "best", "k": 3, "representative": "mean"})", "/representative "},
+      {R"({"method": "sphericity", "threshold": null})", "/threshold "},
+      {R"({"method": "sphericity", "representative": 1})", "/representative "},
+      {R"({"method": "prune", "buckets": []})", "/buckets "},
+      {R"({"method": "prune", "buckets": [-1]})", "/buckets "},
+      {R"({"method": "prune", "buckets": "1,2"})", "/buckets "},
+      {R"({"method": "prune", "k": 4, "bucket_count": 7})", "/bucket_count "},
+  };
+  const std::string path = "/v1/models/" + kModel + "/simplifications";
+  for (const auto& [body, expected] : cases) {
+    const Response response = ask("POST", path, {.body = body});
+    EXPECT_EQ(response.status, 400) << body;
+    EXPECT_EQ(pointers(response), expected) << body;
+  }
+  for (const char* body : {"", "nonsense", "[]", R"({"method": "sphericity", "threshold": 1e999})"}) {
+    EXPECT_EQ(ask("POST", path, {.body = body}).status, 400) << body;
+  }
+  EXPECT_EQ(pointers(ask("POST", path + "?k=3", {.body = R"({"method": "median"})"})), "k ");
+  EXPECT_FALSE(service.simplified);
+}
+
+TEST_F(Routes, ListLevelsAndMembers) {
+  const std::string path = "/v1/models/" + kModel + "/spheres";
+  Response response = ask("GET", path + "?level=7&members=true&columns=node,level_to&limit=2");
+  EXPECT_EQ(service.level, 7U);
+  EXPECT_TRUE(service.members);
+  EXPECT_EQ(body_of(response)["members"], Json({{4, 9}, {4, 9}}));
+  EXPECT_EQ(response.header("Link"), "<" + path +
+                                         "?format=json&level=7&columns=node,level_to&members=true&offset=2&limit=2>; "
+                                         "rel=\"next\"");
+  ask("GET", path + "?rows=nodes");
+  EXPECT_EQ(service.listing.rows, api::SphereRows::nodes);
+  EXPECT_EQ(service.listing.columns.size(), 5U) << "what nodes are asked for";
+  EXPECT_FALSE(service.members);
+  ask("GET", "/v1/models/" + kModel + "/exports/vtp?rows=members&level=7");
+  const auto wanted = std::get<api::ExportRequest>(service.derived->what);
+  EXPECT_EQ(service.derived->level, 7U);
+  EXPECT_EQ(wanted.listing.rows, api::SphereRows::members);
+  EXPECT_EQ(wanted.listing.columns, std::vector{api::SphereFigure::cluster});
+  for (const char* what : {"render?level=9&view=l", "measures?level=9", "spheres?order=contribution&level=9"}) {
+    EXPECT_EQ(ask("GET", "/v1/models/" + kModel + "/" + what).status, 200) << what;
+    EXPECT_EQ(service.derived->level, 9U) << what;
+  }
+  response = ask("GET", "/v1/models/" + kModel + "/tree?levels=1,2");
+  EXPECT_EQ(std::get<api::TreeRequest>(service.derived->what).levels, (std::vector<std::uint32_t>{1, 2}));
+
+  EXPECT_EQ(pointers(ask("GET", path + "?level=0")), "level ");
+  EXPECT_EQ(pointers(ask("GET", path + "?rows=all")), "rows ");
+  EXPECT_EQ(pointers(ask("GET", path + "?rows=nodes&level=3")), "level ");
+  EXPECT_EQ(pointers(ask("GET", path + "?rows=members&order=contribution")), "order ");
+  for (const char* bad : {"columns=cluster", "rows=members&columns=share", "rows=nodes&columns=rank"}) {
+    EXPECT_EQ(pointers(ask("GET", path + "?" + bad)), "columns ") << bad;
+  }
+  EXPECT_EQ(pointers(ask("GET", path + "?format=csv&members=true")), "members ");
+  EXPECT_EQ(pointers(ask("GET", path + "?rows=nodes&members=true")), "members ");
+  for (const char* bad : {"", "0", "2,1", "1,1", "1;2", "x"}) {
+    EXPECT_EQ(pointers(ask("GET", "/v1/models/" + kModel + "/tree?levels=" + bad)), "levels ") << bad;
+  }
+}
+
 TEST_F(Routes, ListAsManyComponentsAsAsked) {
   const std::string path = "/v1/models/" + kModel + "/measures";
   for (const auto& [query, expected] :
@@ -581,7 +685,7 @@ TEST_F(Routes, GiveTheJobOfAnAnswerThatIsNotDone) {
   service.finished = false;
   EXPECT_EQ(ask("GET", "/v1/volumes/" + kVolume + "/slices/k/0").status, 202);
   for (const char* what :
-       {"measures", "checks", "render", "exports/vtp", "spheres?format=ply", "spheres?order=contribution"}) {
+       {"measures", "checks", "render", "exports/vtp", "tree", "spheres?format=ply", "spheres?order=contribution"}) {
     const Response response =
         ask("GET", "/v1/models/" + kModel + "/" + what, {.headers = {{"Prefer", "respond-async"}}});
     EXPECT_EQ(response.status, 202) << what;

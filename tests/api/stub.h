@@ -16,6 +16,7 @@ namespace spherule::test {
 inline const std::string kVolume = "vol_" + std::string(32, 'a');
 inline const std::string kModel = "mdl_" + std::string(32, 'b');
 inline const std::string kImported = "mdl_" + std::string(32, 'c');
+inline const std::string kSimplified = "mdl_" + std::string(32, 'e');
 inline const std::string kJob = "job_" + std::string(32, 'd');
 
 class StubService final : public api::Service {
@@ -31,9 +32,12 @@ class StubService final : public api::Service {
   std::vector<std::pair<std::string, std::string>> files;  ///< name, bytes
   api::VolumeParameters parameters;
   std::optional<api::ModelRequest> made;
+  std::optional<api::SimplificationRequest> simplified;
   std::optional<api::DerivedRequest> derived;
   std::optional<api::SphereFormat> imported;
   api::SphereListing listing;
+  std::uint32_t level = 0;
+  bool members = false;
   double waited = -1;
   api::PageRequest page;
   std::uint64_t announced = 0;
@@ -80,6 +84,24 @@ class StubService final : public api::Service {
     m.algorithm_version = "1";
     m.imported_format = "csv";
     m.spheres = 2;
+    return m;
+  }
+  static api::ModelInfo simplified_info() {
+    api::ModelInfo m;
+    m.id = kSimplified;
+    m.algorithm_version = "1";
+    m.spheres = 3;
+    api::SimplificationInfo& s = m.simplification.emplace();
+    s.request = {.model = kModel, .method = BestOptions{.mode = BestOptions::Mode::inner, .k = 3}};
+    s.levels = 3;
+    s.nodes = 5;
+    s.achieved.spheres = 3;
+    s.achieved.iou = 0.75;
+    s.achieved.never_spills = true;
+    s.achieved.hausdorff = {.mm = 2, .to_spheres = 2, .to_object = 0.5, .of_diagonal = 0.125};
+    s.achieved.before.betti = {1, 2, 0};
+    s.optimality_gap = 0.25;
+    s.seconds = 1.5;
     return m;
   }
   static api::JobInfo job_info() {
@@ -176,6 +198,14 @@ class StubService final : public api::Service {
     if (!finished) return job_info();
     return api::StoredModel{model_info(), already_stored};
   }
+  api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override {
+    obey();
+    known(request.model == kModel);
+    simplified = request;
+    waited = wait.count();
+    if (!finished) return job_info();
+    return api::StoredModel{simplified_info(), already_stored};
+  }
   api::StoredModel import_model(std::unique_ptr<api::Upload>, api::SphereFormat format) override {
     obey();
     imported = format;
@@ -183,27 +213,30 @@ class StubService final : public api::Service {
   }
   api::Page<api::ModelInfo> models(const api::PageRequest& wanted) override {
     page = wanted;
-    return {{model_info(), imported_info()}, ""};
+    return {{model_info(), imported_info(), simplified_info()}, ""};
   }
   api::ModelInfo model(const std::string& id) override {
-    known(id == kModel || id == kImported);
-    return id == kModel ? model_info() : imported_info();
+    known(id == kModel || id == kImported || id == kSimplified);
+    return id == kModel ? model_info() : id == kImported ? imported_info() : simplified_info();
   }
   void delete_model(const std::string& id) override {
     known(id == kModel);
     deleted.push_back(id);
   }
-  api::SpherePage spheres(const std::string& id, std::uint64_t offset, std::size_t limit,
-                          const api::SphereListing& wanted) override {
+  api::SpherePage spheres(const std::string& id, std::uint32_t wanted_level, std::uint64_t offset, std::size_t limit,
+                          const api::SphereListing& wanted, bool with_members) override {
     known(id == kModel);
     listing = wanted;
-    api::SpherePage p{.total = 350, .spheres = {}, .columns = {}};
+    level = wanted_level;
+    members = with_members;
+    api::SpherePage p{.total = 350, .spheres = {}, .columns = {}, .members = {}};
     for (std::uint64_t i = offset; i < 350 && p.spheres.size() < limit; ++i) {
       p.spheres.push_back({{static_cast<double>(i), 0, 0}, 1.5});
     }
     for (const api::SphereFigure figure : wanted.columns) {
       p.columns.push_back({std::string(api::name(figure)), std::vector<double>(p.spheres.size(), 0.25)});
     }
+    if (with_members) p.members.emplace(p.spheres.size(), std::vector<std::uint32_t>{4, 9});
     return p;
   }
   RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override {
@@ -222,6 +255,11 @@ class StubService final : public api::Service {
       return content(api::measures_document(kModel, measures()));
     }
     if (std::holds_alternative<api::ChecksRequest>(request.what)) return content(api::checks_document(kModel, {}));
+    if (std::holds_alternative<api::TreeRequest>(request.what)) {
+      const TreeLevel one{{{{1, 2, 3}, 4}}, {no_parent}}, two{{{{1, 2, 3}, 4}, {{5, 6, 7}, 8}}, {0, no_parent}};
+      return content(api::tree_document(kModel, kImported, std::vector<std::uint32_t>{1, 2}, std::vector{one, two},
+                                        {.begin = {0, 2, 3}, .items = {0, 2, 1}}));
+    }
     return content("derived bytes");
   }
   api::Page<api::JobInfo> jobs(const api::PageRequest& wanted) override {

@@ -108,6 +108,23 @@ TEST_F(Command, MeasuresASetOfSpheres) {
   EXPECT_FALSE(o.rows.contains("tetrahedra_volume_mm3"));
 }
 
+TEST_F(Command, SimplifiesABall) {
+  const std::string ball = "FOLDER/ball.raw --raw 26,26,26,uint8 --threshold 100 --plain ";
+  const Outcome inner = run("simplify " + ball + "--method best,mode=inner,k=4 -o FOLDER/few.csv");
+  ASSERT_EQ(inner.status, 0) << inner.out;
+  EXPECT_EQ(inner.rows.at("k"), "4");
+  EXPECT_EQ(inner.rows.at("never_spills"), "yes");
+  EXPECT_GT(std::stod(inner.rows.at("iou")), 0.9);
+  EXPECT_TRUE(inner.rows.contains("optimality_gap"));
+  const Outcome again = run("simplify FOLDER/few.csv --method prune,volume_share=0.5 --plain");
+  ASSERT_EQ(again.status, 0) << again.out;
+  EXPECT_EQ(again.rows.at("k"), "1") << "one of them is the ball";
+  EXPECT_EQ(run("simplify " + ball + "--method prune,buckets=38,39,bucket_count=40").status, 0);
+  EXPECT_EQ(run("simplify " + ball).status, 2);
+  EXPECT_EQ(run("simplify " + ball + "--method best,k=0").status, 2);
+  EXPECT_EQ(run("simplify " + ball + "--method best,k=4,limit=3").status, 2);
+}
+
 TEST_F(Command, ChecksFindNothing) {
   const Outcome o = run("checks --plain --threshold 100.5 --border open" + kBall);
   ASSERT_EQ(o.status, 0) << o.out;
@@ -177,7 +194,7 @@ TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
 TEST_F(Command, HelpNamesEveryCommand) {
   const Outcome o = run("--help");
   ASSERT_EQ(o.status, 0);
-  for (const char* word : {"info", "points", "model", "measures", "checks", "render", "export"})
+  for (const char* word : {"info", "points", "model", "simplify", "measures", "checks", "render", "export"})
     EXPECT_NE(o.out.find(std::string("\n  ") + word + ' '), std::string::npos) << word;
 }
 

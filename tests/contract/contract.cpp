@@ -85,6 +85,8 @@ void check(const Json& value, const Json& schema, const std::string& where, std:
       if (rule == "date-time" && !std::regex_match(value.get<std::string>(), time)) complain("is not a time");
     } else if (keyword == "minimum") {
       if (value < rule) complain("is below " + rule.dump());
+    } else if (keyword == "exclusiveMinimum") {
+      if (value <= rule) complain("is not above " + rule.dump());
     } else if (keyword == "maximum") {
       if (value > rule) complain("is above " + rule.dump());
     } else if (keyword == "minItems") {

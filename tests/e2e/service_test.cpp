@@ -497,7 +497,11 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
   const Answer job = client().post("/v1/models", {.body = Json{{"volume", id}, {"threshold", 33}}.dump()});
   ASSERT_EQ(job.status, 202);
   const std::map<std::string, std::string> bodies = {{"/v1/volumes", ball(24, 11.5)},
-                                                     {"/v1/models", Json{{"volume", id}, {"threshold", 34}}.dump()}};
+                                                     {"/v1/models", Json{{"volume", id}, {"threshold", 34}}.dump()},
+                                                     {"/v1/models/{model}/simplifications", R"({"method": "median"})"}};
+  const Answer simplified = client().post("/v1/models/" + made + "/simplifications",
+                                          {.headers = {{"Prefer", "wait=60"}}, .body = R"({"method": "average"})"});
+  ASSERT_EQ(simplified.status, 201) << simplified.body;
   // Deleting comes after all that reads, and a job that is to be cancelled must not be over.
   const std::string big = client().upload("?format=raw&dims=128,128,128&dtype=uint8", ball(128, 63));
   const Answer busy = client().post("/v1/models", {.body = Json{{"volume", big}, {"threshold", 5}}.dump()});
@@ -515,7 +519,7 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
     };
     const std::string pattern = path;
     fill("{volume}", id);
-    fill("{model}", made);
+    fill("{model}", path.ends_with("/tree") ? simplified.json()["id"].get<std::string>() : made);
     fill("/v1/jobs/{job}", (cancels ? busy : job).header("Location"));
     fill("{format}", "ply");
     fill("{axis}/{index}", "k/9");

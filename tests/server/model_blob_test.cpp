@@ -38,6 +38,27 @@ SphereModel torus() {
 
 SphereModel imported() { return {.spheres = {{{1, 2, 3}, 4}, {{-0.5, 0, 1e300}, 0}}, .solid = {}}; }
 
+// Two spheres that one at first stands for, of five with one left out.
+Simplification simplified() {
+  Simplification s;
+  s.spheres = {{.sphere = {{1, 2, 3}, 4}, .from = 1, .to = 1},
+               {.sphere = {{1, 2, 2}, 2}, .parent = 0, .from = 2, .to = 2},
+               {.sphere = {{1, 2, 4}, 0}, .parent = 0, .from = 2, .to = 2}};
+  s.member_begin = {0, 0, 1, 4};
+  s.members = {3, 0, 1, 4};
+  return s;
+}
+std::string bytes_of(const Simplification& levels) {
+  std::string bytes;
+  write_levels(levels, [&](std::string_view piece) { bytes += piece; });
+  return bytes;
+}
+Simplification levels_of(const std::string& bytes) {
+  MemoryBlobStore store;
+  const Blob blob = store.open(store.put("models/m", bytes));
+  return read_levels(blob);
+}
+
 void expect_corrupt(const std::string& bytes, const std::string& what) {
   try {
     static_cast<void>(model_of(bytes));
@@ -68,7 +89,34 @@ TEST(ModelBlob, GivesImportedSpheresBack) {
   const SphereModel again = model_of(bytes_of(imported()));
   EXPECT_FALSE(again.solid);
   EXPECT_EQ(again.spheres, imported().spheres);
-  EXPECT_EQ(model_of(bytes_of({})).spheres.size(), 0U);
+  EXPECT_EQ(model_of(bytes_of(SphereModel{})).spheres.size(), 0U);
+}
+
+TEST(ModelBlob, GivesASimplifiedModelBackWithItsLevels) {
+  const std::string bytes = bytes_of(simplified());
+  EXPECT_EQ(bytes.size(), 8 + 4 + 4 + 8 + 8 + 3 * 32 + 3 * 12 + 4 * 4 + 4 * 4U);
+  EXPECT_EQ(levels_of(bytes), simplified());
+  const SphereModel model = model_of(bytes);
+  EXPECT_FALSE(model.solid);
+  EXPECT_EQ(model.spheres, spheres_at(simplified(), 2)) << "the last level";
+  EXPECT_THROW(static_cast<void>(levels_of(bytes_of(imported()))), Error);
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    expect_corrupt(bytes.substr(0, size), "cut at " + std::to_string(size));
+  }
+  expect_corrupt(bytes + "x", "with more at the end");
+  const auto with = [&](std::size_t at, auto value) {
+    std::string changed = bytes;
+    std::memcpy(changed.data() + at, &value, sizeof value);
+    return changed;
+  };
+  expect_corrupt(with(16, ~std::uint64_t{0}), "a count beyond the bytes");
+  expect_corrupt(with(24, std::uint64_t{1} << 62), "a count that overflows");
+  expect_corrupt(with(32 + 24, -1.0), "a negative radius");
+  expect_corrupt(with(128 + 12, std::uint32_t{2}), "a parent that comes later");
+  expect_corrupt(with(128 + 2 * 12 + 8, ~std::uint32_t{0}), "a level that no sphere fills");
+  expect_corrupt(with(164 + 4, ~std::uint32_t{0}), "members that begin beyond all");
+  expect_corrupt(with(180, ~std::uint32_t{0}), "a member beyond any model");
+  expect_corrupt(with(180, std::uint32_t{0}), "a member twice");
 }
 
 TEST(ModelBlob, IsAsItsHeaderSays) {
@@ -103,7 +151,7 @@ TEST(ModelBlob, RefusesNumbersThatMakeNoSense) {
   };
   expect_corrupt(with(raw, 0, 'x'), "another magic");
   expect_corrupt(with(raw, 8, std::uint32_t{2}), "another version");
-  expect_corrupt(with(raw, 12, std::uint32_t{3}), "another kind");
+  expect_corrupt(with(raw, 12, std::uint32_t{4}), "another kind");
   expect_corrupt(with(raw, 16, std::int32_t{-1}), "a negative size");
   expect_corrupt(with(raw, 16, std::int32_t{0x7fffffff}), "a size beyond the bytes");
   expect_corrupt(with(raw, 148, 0.0), "no unit");

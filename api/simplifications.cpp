@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/handlers.h"
+#include "api/problem.h"
+#include "api/requests.h"
+
+namespace spherule::api {
+
+Response post_simplification(const Call& call) {
+  const Query query(call.request, {});
+  const Body* body = call.request.body;
+  if (body == nullptr || !body->present()) {
+    throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"method\": \"best\", \"k\": 64}.");
+  }
+  const std::string type = media_type(call.request.header("Content-Type"));
+  // curl -d says that everything is a form.
+  if (!(type.empty() || type == "application/json" || type.ends_with("+json") ||
+        type == "application/x-www-form-urlencoded")) {
+    throw HttpError(415, "Send application/json.", {{"Accept-Post", "application/json"}});
+  }
+  const Wait wait = agreed_wait(call, false);
+  const SimplifyMethod method = simplify_wish(json_body(call));
+  return model_response(call, call.service.simplify_model({.model = call.id(), .method = method}, wait.granted), wait);
+}
+
+Response get_tree(const Call& call) {
+  const Query query(call.request, {"levels"});
+  return derived(call, {.model = call.id(), .what = TreeRequest{tree_levels(query)}}, "application/json");
+}
+
+}  // namespace spherule::api
