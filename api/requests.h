@@ -45,7 +45,11 @@ PageRequest page_request(const Query& query);
 /// `?columns=` (names of figures with commas between, each once) and `?order=`.
 SphereListing sphere_listing(const Query& query);
 
-/// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
+/// `?upload=`: ids with commas between; empty for none.
+std::vector<std::string> upload_ids(const Request& request);
+
+/// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`; `?upload=` beside
+/// these, and no other.
 VolumeParameters volume_parameters(const Request& request);
 
 /// The options of core/render/options.h and `?with=`, and no other. Throws what check_render_options throws too.
