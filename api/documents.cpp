@@ -388,6 +388,18 @@ std::uint64_t VolumeInfo::bytes() const {
 
 std::string volume_document(const VolumeInfo& volume) { return text(volume_json(volume)); }
 
+std::string upload_document(const UploadInfo& upload) {
+  const std::string self = "/v1/uploads/" + upload.id;
+  Json json{{"id", upload.id},
+            {"length", upload.length},
+            {"offset", upload.offset},
+            {"created", iso_time(upload.created)},
+            {"expires", iso_time(upload.expires)},
+            {"links", {{"self", self}}}};
+  if (upload.offset == upload.length) json["links"]["volume"] = "/v1/volumes?upload=" + upload.id;
+  return text(json);
+}
+
 std::string stored_volume_document(const StoredVolume& stored) {
   Json json = volume_json(stored.volume);
   json["already_stored"] = stored.already_stored;

@@ -17,6 +17,7 @@ namespace spherule::api {
 
 std::string volume_document(const VolumeInfo& volume);
 /// The answer to an upload.
+std::string upload_document(const UploadInfo& upload);
 std::string stored_volume_document(const StoredVolume& stored);
 std::string model_document(const ModelInfo& model);
 std::string job_document(const JobInfo& job);

@@ -43,6 +43,11 @@ Response get_export(const Call& call);
 Response post_simplification(const Call& call);
 Response get_tree(const Call& call);
 
+Response post_upload(const Call& call);
+Response get_upload(const Call& call);
+Response patch_upload(const Call& call);
+Response delete_upload(const Call& call);
+
 Response list_jobs(const Call& call);
 Response get_job(const Call& call);
 Response cancel_job(const Call& call);
@@ -50,6 +55,7 @@ Response get_job_events(const Call& call);
 
 Response get_livez(const Call& call);
 Response get_readyz(const Call& call);
+Response get_metrics(const Call& call);
 Response get_version(const Call& call);
 Response get_contract(const Call& call);
 Response get_docs(const Call& call);
@@ -90,6 +96,8 @@ struct PlotSize {
 PlotSize plot_size(const Call& call, const Query& query);
 /// A plot as PNG or SVG.
 Response plotted(const Plot& plot, FigureFormat format, const PlotSize& size);
+/// What OPTIONS tells of uploads.
+void describe_uploads(Service& service, Response& response);
 /// Adds a Link header to the next page of a list.
 void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next);
 

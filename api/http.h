@@ -40,6 +40,7 @@ struct Request {
   std::string path{};                                        ///< percent-decoded, without the query
   std::vector<std::pair<std::string, std::string>> query{};  ///< decoded
   std::vector<std::pair<std::string, std::string>> headers{};
+  std::string client{};  ///< who asks: the name of a key; empty when nobody needs one
   std::string id{};      ///< of this request: the X-Request-Id and the `instance` of problems
   Body* body = nullptr;  ///< not owned; null means no body
 

@@ -32,7 +32,7 @@ constexpr std::string_view kHead = R"(<!doctype html>
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; background: #fff }
 details { border: 1px solid #ccc; border-radius: 6px; margin: .4rem 0; padding: .3rem .8rem }
 summary { cursor: pointer } summary code { font-weight: 600 } b { display: inline-block; width: 5rem; font-family: monospace }
-.get { color: #05648c } .post { color: #1d6f2b } .delete { color: #a02020 }
+.get { color: #05648c } .post { color: #1d6f2b } .patch { color: #8a5a00 } .delete { color: #a02020 }
 pre { overflow-x: auto; font-size: 13px; line-height: 1.4; background: #f5f5f3; padding: .8rem; border-radius: 6px }
 </style></head><body><h1>Spherule: the interface</h1>
 <p>Volumetric scans in, union-of-spheres models out. This page shows <a href="/openapi.yaml">/openapi.yaml</a> (OpenAPI 3.1),

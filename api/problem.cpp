@@ -46,12 +46,17 @@ HttpKind kind_of(int status) {
     case 404: return {{404, "not-found", "Not found"}, "Use a path that /openapi.yaml lists."};
     case 405: return {{405, "method-not-allowed", "Method not allowed"}, "Use a method that the Allow header lists."};
     case 406: return {{406, "not-acceptable", "Not acceptable"}, "Ask for a media type that this resource has."};
+    case 408: return {{408, "request-timeout", "Request timeout"}, "Send the whole request without pauses."};
+    case 409: return {{409, "conflict", "Conflict"}, "Wait for the other request to end."};
     case 411: return {{411, "length-required", "Length required"}, "Send a Content-Length or a chunked body."};
+    case 412: return {{412, "precondition-failed", "Precondition failed"}, "Fetch the resource again first."};
     case 413: return {{413, "too-large", "Over a limit"}, "Send a smaller body."};
     case 414: return {{414, "uri-too-long", "URI too long"}, "Send a shorter URL."};
     case 415: return {{415, "unsupported-media-type", "Unsupported media type"}, "Send a media type that is accepted."};
     case 416: return {{416, "range-not-satisfiable", "Range not satisfiable"}, "Ask for a range within the content."};
     case 417: return {{417, "expectation-failed", "Expectation failed"}, "Send no Expect header but 100-continue."};
+    case 422: return {{422, "key-reused", "Idempotency key used before"}, "Use a new key for a new request."};
+    case 431: return {{431, "headers-too-large", "Headers too large"}, "Send fewer or shorter headers."};
     case 503: return {{503, "busy", "Busy"}, "Try again in a few seconds."};
     default: break;
   }

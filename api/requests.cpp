@@ -229,8 +229,18 @@ std::vector<std::uint32_t> tree_levels(const Query& query) {
   return levels;
 }
 
+std::vector<std::string> upload_ids(const Request& request) {
+  std::vector<std::string> ids;
+  for (const auto& [name, value] : request.query) {
+    if (name != "upload") continue;
+    split(value, ',', [&](std::string_view id) { ids.emplace_back(id); });
+    if (ids.empty()) refuse("upload", "Give the ids of finished uploads, with commas between.");
+  }
+  return ids;
+}
+
 VolumeParameters volume_parameters(const Request& request) {
-  const Query query(request, {"format", "dims", "dtype", "spacing", "origin", "endian", "frame", "grid"});
+  const Query query(request, {"format", "dims", "dtype", "spacing", "origin", "endian", "frame", "grid", "upload"});
   VolumeParameters parameters;
   if (query.choice("format", {"raw"})) {
     RawLayout raw;

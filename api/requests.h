@@ -50,7 +50,11 @@ SphereListing sphere_listing(const Query& query);
 /// `?levels=`: ascending whole numbers with commas between. Empty when absent.
 std::vector<std::uint32_t> tree_levels(const Query& query);
 
-/// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`, and no other.
+/// `?upload=`: ids with commas between; empty for none.
+std::vector<std::string> upload_ids(const Request& request);
+
+/// `?format=raw&dims=&dtype=&spacing=&origin=&endian=`, `?frame=`, `?grid=`; `?upload=` beside
+/// these, and no other.
 VolumeParameters volume_parameters(const Request& request);
 
 /// The options of core/render/options.h, `?with=` and `?level=`, and no other. Throws what check_render_options throws

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "api/handlers.h"
+#include "api/idempotency.h"
 #include "api/problem.h"
 #include "api/requests.h"
 
@@ -27,6 +28,10 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/volumes/{volume}/content"}, get_volume_content},
     {{"GET", "/v1/volumes/{volume}/histogram"}, get_volume_histogram},
     {{"GET", "/v1/volumes/{volume}/slices/{axis}/{index}"}, get_slice},
+    {{"POST", "/v1/uploads"}, post_upload},
+    {{"GET", "/v1/uploads/{upload}"}, get_upload},
+    {{"PATCH", "/v1/uploads/{upload}"}, patch_upload},
+    {{"DELETE", "/v1/uploads/{upload}"}, delete_upload},
     {{"GET", "/v1/models"}, list_models},
     {{"POST", "/v1/models"}, post_model},
     {{"GET", "/v1/models/{model}"}, get_model},
@@ -45,6 +50,7 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/jobs/{job}/events"}, get_job_events},
     {{"GET", "/livez"}, get_livez},
     {{"GET", "/readyz"}, get_readyz},
+    {{"GET", "/metrics"}, get_metrics},
     {{"GET", "/version"}, get_version},
     {{"GET", "/openapi.yaml"}, get_contract},
     {{"GET", "/docs"}, get_docs},
@@ -95,6 +101,7 @@ Response dispatch(Service& service, const Request& request, std::string_view& as
   if (request.method == "OPTIONS") {
     Response response{.status = 204};
     response.set("Allow", allowed);
+    if (asked.starts_with("/v1/uploads")) describe_uploads(service, response);
     return response;
   }
   throw HttpError(405, "Use one of the methods " + allowed + " here.", {{"Allow", allowed}});
@@ -109,26 +116,53 @@ std::string fingerprint(std::string_view bytes) {
   return tag;
 }
 
+// The entity tag of an answer to GET: its own, or one of its text; empty for streams.
+std::string entity_tag(const Response& response) {
+  if (const std::string_view own = response.header("ETag"); !own.empty()) return std::string(own);
+  const auto* text = std::get_if<std::string>(&response.body);
+  return text == nullptr ? std::string() : fingerprint(*text);
+}
+
+[[noreturn]] void refuse_precondition() {
+  throw HttpError(412, "The resource is not the one that If-Match names; fetch it again first.");
+}
+
+// Before something is deleted: whether it is still what the client has seen.
+void check_precondition(Service& service, const Request& request) {
+  const std::string_view wanted = request.header("If-Match");
+  if (request.method != "DELETE" || wanted.empty()) return;
+  Request look = request;
+  look.method = "GET";
+  look.headers.clear();
+  std::string_view ignored;
+  if (!matches_etag(wanted, entity_tag(dispatch(service, look, ignored)))) refuse_precondition();
+}
+
 void validate_cache(const Request& request, Response& response) {
-  if ((request.method != "GET" && request.method != "HEAD") || response.status != 200) return;
-  if (response.header("ETag").empty()) {
-    const auto* text = std::get_if<std::string>(&response.body);
-    if (text == nullptr) return;
-    response.set("ETag", fingerprint(*text));
+  if ((request.method != "GET" && request.method != "HEAD") || (response.status != 200 && response.status != 206)) {
+    return;
+  }
+  const std::string tag = entity_tag(response);
+  if (tag.empty()) return;
+  if (response.header("ETag").empty()) response.set("ETag", tag);
+  if (const std::string_view wanted = request.header("If-Match"); !wanted.empty() && !matches_etag(wanted, tag)) {
+    refuse_precondition();
   }
   if (response.header("Cache-Control").empty()) response.set("Cache-Control", "private, no-cache");
   const std::string_view known = request.header("If-None-Match");
-  if (known.empty() || !matches_etag(known, response.header("ETag"))) return;
+  if (known.empty() || !matches_etag(known, tag)) return;
   response.status = 304;
   response.body = std::string();
   std::erase_if(response.headers, [](const auto& header) {
-    return header.first == "Content-Type" || header.first == "Content-Disposition";
+    return header.first == "Content-Type" || header.first == "Content-Disposition" || header.first == "Content-Range";
   });
 }
 
 Response answer(Service& service, const Request& request, std::string_view& asked) {
   try {
-    Response response = dispatch(service, request, asked);
+    check_precondition(service, request);
+    Response response =
+        answer_once(service, request, [&](const Request& watched) { return dispatch(service, watched, asked); });
     validate_cache(request, response);
     return response;
   } catch (const Error& error) {

@@ -43,6 +43,7 @@ struct Content {
   std::string sha256;  ///< lower-case hex
   /// Fills `out` from `offset` on; returns how many bytes there were: fewer than asked only at the end. Thread safe.
   std::function<std::size_t(std::uint64_t offset, std::span<char> out)> read_at;
+  int file = -1;  ///< a descriptor of just these bytes, open as long as read_at lives; -1: none
 };
 
 /// A page of a list: the entries after `cursor` (opaque, from the page before; empty: from the newest).
@@ -307,6 +308,25 @@ struct About {
   std::string algorithm_version;  ///< of the models: part of their identity
 };
 
+/// An upload that is sent in pieces (tus).
+struct UploadInfo {
+  std::string id;
+  std::string filename;                  ///< empty when none was given
+  std::uint64_t length = 0, offset = 0;  ///< bytes: announced; arrived so far
+  Time created, expires;
+};
+
+/// A family of figures, as Prometheus has them.
+struct Metric {
+  struct Sample {
+    std::string suffix;  ///< "_bucket", "_sum", "_count" of a histogram, else empty
+    std::vector<std::pair<std::string, std::string>> labels;
+    double value = 0;
+  };
+  std::string name, type, help;  ///< type: "counter", "gauge" or "histogram"
+  std::vector<Sample> samples;
+};
+
 class Service {
  public:
   using Seconds = std::chrono::duration<double>;
@@ -358,6 +378,26 @@ class Service {
   virtual JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) = 0;
   /// Throws conflict when the job is over.
   virtual JobInfo cancel_job(const std::string& id) = 0;
+
+  using TakeBytes = std::function<void(std::string_view piece)>;
+  /// Begins an upload in pieces. Throws too_large, busy, no_space.
+  virtual UploadInfo create_upload(std::uint64_t length, const std::string& filename) = 0;
+  virtual UploadInfo upload(const std::string& id) = 0;
+  /// Appends what `feed` hands on; what has arrived stays, also when `feed` throws. Throws conflict when the upload
+  /// does not stand at `offset`, too_large for more bytes than were announced.
+  virtual UploadInfo append_upload(const std::string& id, std::uint64_t offset,
+                                   const std::function<void(const TakeBytes&)>& feed) = 0;
+  /// Hands on all bytes of a finished upload. Throws conflict while some are missing.
+  virtual void read_upload(const std::string& id, const TakeBytes& take) = 0;
+  virtual void delete_upload(const std::string& id) = 0;
+
+  /// The reply that was kept under a key, if any; else the key is the caller's until it keeps a reply or releases it.
+  /// Throws conflict while it is another caller's.
+  virtual std::optional<std::string> recall_reply(const std::string& key) = 0;
+  virtual void keep_reply(const std::string& key, const std::string& reply) = 0;
+  virtual void release_reply(const std::string& key) = 0;
+
+  virtual std::vector<Metric> metrics() = 0;
 };
 
 }  // namespace spherule::api

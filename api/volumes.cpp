@@ -15,8 +15,38 @@ Response list_volumes(const Call& call) {
   return response;
 }
 
+namespace {
+
+// A volume of files that were uploaded in pieces.
+StoredVolume store_uploads(const Call& call, const std::vector<std::string>& ids, const VolumeParameters& parameters) {
+  if (call.request.body != nullptr && call.request.body->present()) {
+    throw Error(ErrorCode::invalid_argument, "Send no body beside ?upload=: the bytes are here already.");
+  }
+  std::uint64_t bytes = 0;
+  for (const std::string& id : ids) bytes += call.service.upload(id).length;
+  std::unique_ptr<Upload> upload = call.service.start_upload(bytes);
+  for (const std::string& id : ids) {
+    upload->begin_file(call.service.upload(id).filename);
+    call.service.read_upload(id, [&](std::string_view piece) { upload->write(piece); });
+  }
+  StoredVolume stored = call.service.store_volume(std::move(upload), parameters);
+  // What could not be read stays, to be tried with other parameters.
+  for (const std::string& id : ids) call.service.delete_upload(id);
+  return stored;
+}
+
+}  // namespace
+
 Response post_volume(const Call& call) {
   const VolumeParameters parameters = volume_parameters(call.request);
+  const auto answer = [&](const StoredVolume& stored) {
+    Response response = json_response(call, stored_volume_document(stored), stored.already_stored ? 200 : 201);
+    response.set("Location", "/v1/volumes/" + stored.volume.id);
+    return response;
+  };
+  if (const std::vector<std::string> ids = upload_ids(call.request); !ids.empty()) {
+    return answer(store_uploads(call, ids, parameters));
+  }
   Body* body = call.request.body;
   if (body == nullptr || !body->present()) {
     throw Error(ErrorCode::invalid_argument, "Send the bytes of a volume as the body.");
@@ -39,10 +69,7 @@ Response post_volume(const Call& call) {
     upload->begin_file({});
     body->read(limit, take);
   }
-  const StoredVolume stored = call.service.store_volume(std::move(upload), parameters);
-  Response response = json_response(call, stored_volume_document(stored), stored.already_stored ? 200 : 201);
-  response.set("Location", "/v1/volumes/" + stored.volume.id);
-  return response;
+  return answer(call.service.store_volume(std::move(upload), parameters));
 }
 
 Response get_volume(const Call& call) {

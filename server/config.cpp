@@ -66,6 +66,7 @@ const std::array settings = {
     Setting{"max_image_pixels", "N", "most pixels of a picture", &Config::max_image_pixels, 1, many},
     Setting{"max_wait_s", "N", "seconds that a request may wait for its job", &Config::max_wait_s, 0, 86400},
     Setting{"max_streams", "N", "event streams at once", &Config::max_streams, 0, 100'000},
+    Setting{"cors_origins", "ORIGIN,...", "whose pages may read answers; *: all", &Config::cors_origins},
     Setting{"model_cache_bytes", "BYTES", "memory for sphere models that were used lately", &Config::model_cache_bytes,
             0, many},
 };

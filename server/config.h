@@ -48,6 +48,7 @@ struct Config {
   std::uint64_t max_image_pixels = std::uint64_t{1} << 24;        ///< width x height of a picture
   std::uint64_t max_wait_s = 60;                                  ///< cap of `Prefer: wait=N`
   std::uint64_t max_streams = 32;                                 ///< event streams at once
+  std::string cors_origins;                                       ///< whose pages may read answers, commas between
   std::uint64_t model_cache_bytes = std::uint64_t{1} << 30;       ///< sphere models kept in memory
 
   [[nodiscard]] unsigned threads_per_job() const { return threads < jobs_at_once ? 1 : threads / jobs_at_once; }

@@ -8,6 +8,7 @@
 #include "server/listener.h"
 
 #include <httplib.h>
+#include <strings.h>
 #include <sys/socket.h>
 
 #include <algorithm>
@@ -18,8 +19,10 @@
 #include "core/base/error.h"
 #include "server/digest.h"
 #include "server/http/body.h"
+#include "server/http/connections.h"
 #include "server/http/encoding.h"
 #include "server/http/reply.h"
+#include "server/http/tls.h"
 #include "server/log.h"
 
 namespace spherule::server {
@@ -36,44 +39,77 @@ bool is_method(std::string_view method) {
   return std::ranges::find(methods, method) != methods.end();
 }
 
-std::unique_ptr<httplib::Server> make_server(const ListenerOptions& options) {
-  if (options.tls_certificate.empty()) return std::make_unique<httplib::Server>();
-  auto server = std::make_unique<httplib::SSLServer>(options.tls_certificate.c_str(), options.tls_key.c_str());
-  if (!server->is_valid()) {
-    throw Error(ErrorCode::invalid_argument, "The TLS certificate and key cannot be read, or do not belong together.");
-  }
-  return server;
-}
-
 // Our own mark on answers; the library's own have none.
 constexpr const char* kOurs = "X-Request-Id";
+
+// An answer to what is not even a request.
+std::string refusal_text(int status) {
+  const std::string id = random_id("req");
+  const Response problem = api::problem(status, id);
+  const std::string& body = std::get<std::string>(problem.body);
+  return "HTTP/1.1 " + std::to_string(status) +
+         (status == 408 ? " Request Timeout" : " Request Header Fields Too Large") +
+         "\r\nConnection: close\r\nContent-Type: application/problem+json\r\nContent-Length: " +
+         std::to_string(body.size()) + "\r\n" + kOurs + ": " + id + "\r\n\r\n" + body;
+}
+
+// The library accepts connections and reads, answers and writes one request; what lies between is ours.
+class Server final : public httplib::Server {
+ public:
+  explicit Server(const ListenerOptions& options, Connections::Refusal refusal)
+      : transport_(options.tls_certificate.empty() ? MakeTransport(plain_transport)
+                                                   : tls_transport(options.tls_certificate, options.tls_key)),
+        connections_(
+            options.connections,
+            [this](Connection& connection, bool last) {
+              bool closed = false;
+              return process_request(connection, last, closed, nullptr) && !closed && !last;
+            },
+            std::move(refusal)) {
+    new_task_queue = [this] { return new Accepted(connections_); };
+  }
+  const Connections& connections() const { return connections_; }
+
+ private:
+  // Where the library's loop puts what it has accepted: nothing that is put there blocks.
+  struct Accepted final : httplib::TaskQueue {
+    explicit Accepted(Connections& all) : connections(all) {}
+    void enqueue(std::function<void()> add) override { add(); }
+    void shutdown() override { connections.stop(); }
+    Connections& connections;
+  };
+  bool process_and_close_socket(socket_t socket) override {
+    connections_.add(transport_(socket));
+    return true;
+  }
+
+  MakeTransport transport_;
+  Connections connections_;
+};
 
 }  // namespace
 
 struct Listener::State {
+  State(ListenerOptions given, Handler answers, AccessLog logs)
+      : options(std::move(given)), handler(std::move(answers)), log(std::move(logs)), http(options, refusal_text) {}
+
   ListenerOptions options;
   Handler handler;
   AccessLog log;
-  const std::unique_ptr<httplib::Server> made;
-  httplib::Server& http;
+  Server http;
   std::uint16_t port = 0;
   std::atomic<bool> stopping{false}, finished{false};
   std::atomic<std::size_t> streams{0};
 
-  explicit State(ListenerOptions o) : options(std::move(o)), made(make_server(options)), http(*made) {}
-
   void serve(httplib::Request& request, httplib::Response& response, const httplib::ContentReader* reader);
-  void reply(Response&& answer, bool packed, Close close, httplib::Response& response);
+  void reply(Response&& answer, ReplyOptions options, httplib::Response& response);
   void send_own(const httplib::Request& request, Response&& problem, httplib::Response& response);
 };
 
-void Listener::State::reply(Response&& answer, bool packed, Close close, httplib::Response& response) {
-  send(std::move(answer),
-       {.packed = packed,
-        .close = std::move(close),
-        .stopping = [this] { return stopping.load(); },
-        .streamed = [this] { --streams; }},
-       response);
+void Listener::State::reply(Response&& answer, ReplyOptions how, httplib::Response& response) {
+  how.stopping = [this] { return stopping.load(); };
+  how.streamed = [this] { --streams; };
+  send(std::move(answer), std::move(how), response);
 }
 
 void Listener::State::serve(httplib::Request& request, httplib::Response& response,
@@ -85,14 +121,16 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
   asked.path = request.path;
   for (const auto& [name, value] : request.params) asked.query.emplace_back(name, value);
   for (const auto& [name, value] : request.headers) {
-    asked.headers.emplace_back(name, name == "If-None-Match" ? plain_tags(value) : value);
+    // The answer's entity is the same in every encoding; its tag is not.
+    const bool tags = ::strcasecmp(name.c_str(), "If-None-Match") == 0 || ::strcasecmp(name.c_str(), "If-Match") == 0;
+    asked.headers.emplace_back(name, tags ? plain_tags(value) : value);
   }
-  const bool packed = accepts_gzip(request.get_header_value("Accept-Encoding"));
+  ReplyOptions how{.encoding = preferred_encoding(request.get_header_value("Accept-Encoding")),
+                   .known_tags = request.get_header_value("If-None-Match")};
   request.ranges.clear();
   request.headers.erase("Accept-Encoding");
 
   Response answer;
-  Close close;
   try {
     HttpBody body(request, reader, stopping);
     if (reader == nullptr && body.present()) {
@@ -108,9 +146,9 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
     }
     answer = handler(asked);
     body.drain();
-    if (!body.finished()) close = lingering(reader);
+    if (!body.finished()) how.close = lingering(reader);
   } catch (const Error& error) {
-    close = [] {};
+    how.close = [] {};
     answer = api::problem(error, asked.id);
     answer.set(kOurs, asked.id);
   }
@@ -124,7 +162,7 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
     log({asked.id, is_method(asked.method) ? asked.method : "?", std::string(answer.route), answer.status,
          seconds.count(), trace_of(asked)});
   }
-  reply(std::move(answer), packed, std::move(close), response);
+  reply(std::move(answer), std::move(how), response);
 }
 
 // What the library refuses by itself: requests that it cannot parse.
@@ -133,28 +171,22 @@ void Listener::State::send_own(const httplib::Request& request, Response&& probl
   if (log) log({id, is_method(request.method) ? request.method : "?", {}, problem.status, 0, {}});
   response.headers.clear();
   response.body.clear();
-  reply(
-      std::move(problem), false, [] {}, response);
+  reply(std::move(problem), {.close = [] {}}, response);
 }
 
 Listener::Listener(ListenerOptions options, Handler handler, AccessLog log)
-    : state_(std::make_unique<State>(std::move(options))) {
+    : state_(std::make_unique<State>(std::move(options), std::move(handler), std::move(log))) {
   State& s = *state_;
-  s.handler = std::move(handler);
-  s.log = std::move(log);
-  const std::size_t threads = s.options.max_requests + s.options.max_streams;
-  s.http.new_task_queue = [threads] { return new httplib::ThreadPool(threads); };
-  s.http.set_read_timeout(static_cast<time_t>(s.options.read_timeout_s));
-  s.http.set_write_timeout(static_cast<time_t>(s.options.write_timeout_s));
-  s.http.set_keep_alive_timeout(static_cast<time_t>(s.options.keep_alive_timeout_s));
-  s.http.set_keep_alive_max_count(1000);
+  // What the library tells clients; Connections keeps to it.
+  s.http.set_keep_alive_timeout(std::chrono::duration_cast<std::chrono::seconds>(s.options.connections.idle).count());
+  s.http.set_keep_alive_max_count(s.options.connections.requests);
   s.http.set_tcp_nodelay(true);
 
   const auto refuse = [&s](const httplib::Request& request, httplib::Response& response, int status) {
     const std::string id = random_id("req");
     Response problem = api::problem(status, id);
     problem.set(kOurs, id);
-    if (status == 405) problem.set("Allow", "GET, HEAD, POST, DELETE, OPTIONS");
+    if (status == 405) problem.set("Allow", "GET, HEAD, POST, PATCH, DELETE, OPTIONS");
     s.send_own(request, std::move(problem), response);
   };
   s.http.set_pre_routing_handler([refuse](const httplib::Request& request, httplib::Response& response) {
@@ -217,6 +249,17 @@ Listener::Listener(ListenerOptions options, Handler handler, AccessLog log)
 Listener::~Listener() = default;
 
 std::uint16_t Listener::port() const { return state_->port; }
+
+Listener::Load Listener::load() const {
+  const Connections::Load load = state_->http.connections().load();
+  return {.connections = load.open,
+          .waiting = load.waiting,
+          .answering = load.answering,
+          .threads = load.threads,
+          .streams = state_->streams,
+          .received = load.received,
+          .sent = load.sent};
+}
 
 void Listener::run() {
   if (!state_->stopping) state_->http.listen_after_bind();

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "api/http.h"
+#include "server/http/limits.h"
 
 namespace spherule::server {
 
@@ -20,10 +21,7 @@ struct ListenerOptions {
   std::filesystem::path tls_certificate, tls_key;  ///< PEM; empty: plain HTTP
   std::uint64_t max_body_bytes = 0;                ///< bodies announced larger are refused before they are sent
   std::size_t max_streams = 32;                    ///< event streams at once; further ones are refused
-  std::size_t max_requests = 96;                   ///< answered at once beside the streams; further ones wait
-  unsigned read_timeout_s = 15;                    ///< for the next piece of a request
-  unsigned write_timeout_s = 30;                   ///< for the next piece of an answer
-  unsigned keep_alive_timeout_s = 5;               ///< for the next request of a connection
+  ConnectionLimits connections{};                  ///< how many, how long
 };
 
 /// What one answered request was, without anything that a client wrote.
@@ -49,6 +47,15 @@ class Listener {
   Listener& operator=(const Listener&) = delete;
 
   std::uint16_t port() const;
+
+  struct Load {
+    std::size_t connections = 0;  ///< open
+    std::size_t waiting = 0;      ///< requests that wait for a thread
+    std::size_t answering = 0;    ///< requests that are being answered, streams with them
+    std::size_t threads = 0, streams = 0;
+    std::uint64_t received = 0, sent = 0;  ///< bytes, so far
+  };
+  Load load() const;
 
   /// Answers requests until stop(); returns when the last one is answered.
   void run();

@@ -7,10 +7,12 @@
 #include <cstdlib>
 #include <exception>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <thread>
 
+#include "api/cors.h"
 #include "api/routes.h"
 #include "core/base/error.h"
 #include "server/config.h"
@@ -19,6 +21,7 @@
 #include "server/gate.h"
 #include "server/listener.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/pipeline.h"
 
 namespace {
@@ -58,36 +61,53 @@ int serve(const server::Config& config) {
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
+  const api::AllowedOrigins origins = api::origins_from(config.cors_origins);
+  server::RequestMetrics requests;
+  std::optional<server::Listener> listener;
   server::AppendLog audit(config.audit_log);
   server::Pipeline pipeline(
-      config, {.fault = log_fault,
-               .job_ended = log_job,
-               .expired =
-                   [&](const std::string& id) {
-                     const auto event =
-                         server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
-                     if (!audit.append(event, false)) log(event);
-                   },
-               .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); }});
+      config,
+      {.fault = log_fault,
+       .job_ended = log_job,
+       .expired =
+           [&](const std::string& id) {
+             const auto event =
+                 server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
+             if (!audit.append(event, false)) log(event);
+           },
+       .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); }},
+      [&] {
+        std::vector<api::Metric> metrics = requests.collect();
+        for (auto& metric : metrics_of(listener->load())) metrics.push_back(std::move(metric));
+        return metrics;
+      });
   // One for each who may ask: event streams keep theirs.
   std::map<std::string, server::Pipeline> clients;
   clients.emplace("local", pipeline.on_behalf_of("local"));
   for (const server::ApiKey& key : config.keys) clients.emplace(key.name, pipeline.on_behalf_of(key.name));
   const server::Gate gate(config.keys, audit);
-  server::Listener listener(
-      {.host = config.host,
-       .port = config.port,
-       .tls_certificate = config.tls_certificate,
-       .tls_key = config.tls_key,
-       .max_body_bytes = config.max_body_bytes,
-       .max_streams = config.max_streams},
-      [&](const api::Request& request) {
-        return gate.pass(request, [&](const std::string& client) { return api::handle(clients.at(client), request); });
-      },
-      log_access);
-  std::jthread network([&] { listener.run(); });
+  const auto answer = [&](const api::Request& request) {
+    return gate.pass(request, [&](const std::string& client) {
+      api::Request known = request;
+      known.client = client;
+      return api::handle(clients.at(client), known);
+    });
+  };
+  listener.emplace(
+      server::ListenerOptions{.host = config.host,
+                              .port = config.port,
+                              .tls_certificate = config.tls_certificate,
+                              .tls_key = config.tls_key,
+                              .max_body_bytes = config.max_body_bytes,
+                              .max_streams = config.max_streams},
+      [&](const api::Request& request) { return api::with_cors(origins, request, [&] { return answer(request); }); },
+      [&](const server::AccessRecord& request) {
+        requests.count(request);
+        log_access(request);
+      });
+  std::jthread network([&] { listener->run(); });
   std::printf("Spherule listens on %s://%s:%d\n", config.tls_key.empty() ? "http" : "https", config.host.c_str(),
-              int{listener.port()});
+              int{listener->port()});
   std::fflush(stdout);
 
   int signal = 0;
@@ -96,7 +116,7 @@ int serve(const server::Config& config) {
   // Answering goes on meanwhile; a second signal ends the patience.
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   pipeline.stop(config.drain);
-  listener.stop();
+  listener->stop();
   log(server::LogLine("stopped"));
   return 0;
 }

@@ -18,7 +18,10 @@
 #include "core/spheres.h"
 #include "server/answer_job.h"
 #include "server/memory.h"
+#include "server/metrics.h"
 #include "server/model_job.h"
+#include "server/replies.h"
+#include "server/resumable.h"
 #include "server/simplification_job.h"
 #include "server/store.h"
 #include "server/upload.h"
@@ -36,6 +39,8 @@ using Seconds = api::Service::Seconds;
 
 // Requests that wait for a job hold a thread each; beyond this many they are told to poll.
 constexpr std::ptrdiff_t kWaiters = 64;
+// How long unfinished uploads and the replies under idempotency keys are kept.
+constexpr std::chrono::hours kKeepUploads{24}, kKeepReplies{24};
 
 api::JobState api_state(JobState state) {
   switch (state) {
@@ -106,6 +111,9 @@ std::uint32_t level_of(const ModelInfo& model, std::uint32_t wanted, bool needed
 struct Pipeline::State {
   // Jobs come after the store, which they use.
   Store store;
+  ResumableUploads uploads;
+  ReplyBook replies;
+  MetricSource more;
   std::counting_semaphore<kWaiters> waiters{kWaiters};
   PipelineLogs logs;
   JobPool pool;
@@ -113,8 +121,11 @@ struct Pipeline::State {
   std::condition_variable_any wake;
   std::jthread sweeper;  // of what is over its time
 
-  State(const Config& config, PipelineLogs given)
+  State(const Config& config, PipelineLogs given, MetricSource others)
       : store(config),
+        uploads(config.data / "uploads", config.max_body_bytes, kKeepUploads),
+        replies(config.data / "replies", kKeepReplies),
+        more(std::move(others)),
         logs(std::move(given)),
         pool(
             {.jobs_at_once = config.jobs_at_once,
@@ -193,8 +204,8 @@ struct Pipeline::State {
   }
 };
 
-Pipeline::Pipeline(const Config& config, PipelineLogs logs)
-    : state_(std::make_shared<State>(config, std::move(logs))) {}
+Pipeline::Pipeline(const Config& config, PipelineLogs logs, MetricSource more)
+    : state_(std::make_shared<State>(config, std::move(logs), std::move(more))) {}
 Pipeline::~Pipeline() = default;
 
 void Pipeline::stop(std::chrono::milliseconds grace) { state_->pool.stop(grace); }
@@ -229,7 +240,9 @@ std::unique_ptr<api::Upload> Pipeline::start_upload(std::uint64_t announced) {
 
 api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters) {
   Store& s = state_->store;
-  auto& files = dynamic_cast<FileUpload&>(*upload).files();
+  auto& arrived = dynamic_cast<FileUpload&>(*upload);
+  arrived.unpack({.unpacked_bytes = s.config.max_decompressed_bytes});
+  auto& files = arrived.files();
   VolumeInfo info;
   info.parameters = parameters;
   for (const auto& [name, staging] : files) {
@@ -443,5 +456,45 @@ api::JobEvents Pipeline::job_events(const std::string& id, std::uint64_t after, 
 }
 
 JobInfo Pipeline::cancel_job(const std::string& id) { return job_info(state_->pool.cancel(id)); }
+
+api::UploadInfo Pipeline::create_upload(std::uint64_t length, const std::string& filename) {
+  if (length > state_->store.blobs.free_bytes()) {
+    throw Error(ErrorCode::no_space, "The upload does not fit on the server's disk; try again later, or send less.");
+  }
+  return state_->uploads.create(length, filename);
+}
+
+api::UploadInfo Pipeline::upload(const std::string& id) { return state_->uploads.find(id); }
+
+api::UploadInfo Pipeline::append_upload(const std::string& id, std::uint64_t offset,
+                                        const std::function<void(const TakeBytes&)>& feed) {
+  return state_->uploads.append(id, offset, feed);
+}
+
+void Pipeline::read_upload(const std::string& id, const TakeBytes& take) { state_->uploads.read(id, take); }
+
+void Pipeline::delete_upload(const std::string& id) { state_->uploads.remove(id); }
+
+std::optional<std::string> Pipeline::recall_reply(const std::string& key) { return state_->replies.recall(key); }
+
+void Pipeline::keep_reply(const std::string& key, const std::string& reply) { state_->replies.keep(key, reply); }
+
+void Pipeline::release_reply(const std::string& key) { state_->replies.release(key); }
+
+std::vector<api::Metric> Pipeline::metrics() {
+  Store& s = state_->store;
+  const JobPool::Load load = state_->pool.load();
+  std::vector<api::Metric> all = state_->more ? state_->more() : std::vector<api::Metric>();
+  all.push_back({"spherule_jobs",
+                 "gauge",
+                 "Jobs that are not over.",
+                 {{"", {{"state", "queued"}}, static_cast<double>(load.queued)},
+                  {"", {{"state", "running"}}, static_cast<double>(load.running)}}});
+  all.push_back(
+      gauge("spherule_disk_free_bytes", "What can still be stored.", static_cast<double>(s.blobs.free_bytes())));
+  for (auto& metric : metrics_of("model", s.cache.stats())) all.push_back(std::move(metric));
+  for (auto& metric : metrics_of("contributions", s.contributions.stats())) all.push_back(std::move(metric));
+  return all;
+}
 
 }  // namespace spherule::server

@@ -31,7 +31,9 @@ class Pipeline final : public api::Service {
  public:
   /// Opens the store in config.data (made if needed) and takes up the jobs that an earlier process left. Throws busy
   /// when another process uses that folder, and what Catalog and FileBlobStore throw.
-  explicit Pipeline(const Config& config, PipelineLogs logs = {});
+  /// `more` gives what other parts of the process tell of themselves in metrics().
+  using MetricSource = std::function<std::vector<api::Metric>()>;
+  explicit Pipeline(const Config& config, PipelineLogs logs = {}, MetricSource more = {});
   ~Pipeline() override;
 
   /// The same pipeline, whose jobs take this client's turns.
@@ -65,6 +67,16 @@ class Pipeline final : public api::Service {
   api::JobInfo job(const std::string& id) override;
   api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) override;
   api::JobInfo cancel_job(const std::string& id) override;
+  api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override;
+  api::UploadInfo upload(const std::string& id) override;
+  api::UploadInfo append_upload(const std::string& id, std::uint64_t offset,
+                                const std::function<void(const TakeBytes&)>& feed) override;
+  void read_upload(const std::string& id, const TakeBytes& take) override;
+  void delete_upload(const std::string& id) override;
+  std::optional<std::string> recall_reply(const std::string& key) override;
+  void keep_reply(const std::string& key, const std::string& reply) override;
+  void release_reply(const std::string& key) override;
+  std::vector<api::Metric> metrics() override;
 
  private:
   struct State;

@@ -31,6 +31,9 @@ class Blob {
   /// A file that holds exactly these bytes, for readers that want one. It has no useful name: see ScratchFolder.
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
 
+  /// For system calls that take one; the blob closes it.
+  [[nodiscard]] int descriptor() const { return descriptor_; }
+
   /// Fills `out` from `offset` on and returns how many bytes there were: fewer than asked only at the end.
   /// Throws corrupt when the disk cannot give them back.
   std::size_t read_at(std::uint64_t offset, std::span<char> out) const;

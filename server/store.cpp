@@ -21,7 +21,8 @@ void not_found(const char* what) {
 api::Content content_of(std::shared_ptr<const Blob> blob) {
   return {.bytes = blob->size(),
           .sha256 = blob->sha256(),
-          .read_at = [blob](std::uint64_t offset, std::span<char> out) { return blob->read_at(offset, out); }};
+          .read_at = [blob](std::uint64_t offset, std::span<char> out) { return blob->read_at(offset, out); },
+          .file = blob->descriptor()};
 }
 
 void Stopwatch::lap(const std::string& stage) {

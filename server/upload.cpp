@@ -6,6 +6,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <utility>
 
 #include "core/base/error.h"
 
@@ -37,6 +39,18 @@ void FileUpload::begin_file(std::string_view name) {
 }
 
 void FileUpload::write(std::string_view piece) { files_.back().staging->append(piece); }
+
+void FileUpload::unpack(const ArchiveLimits& limits) {
+  if (files_.size() != 1) return;
+  const Blob bytes = files_.front().staging->open();
+  std::array<char, 4> first{};
+  if (!is_zip({first.data(), bytes.read_at(0, first)})) return;
+  // The archive's own staging goes when its files are there.
+  const std::vector<File> archive = std::exchange(files_, {});
+  limit_ = limits.unpacked_bytes;
+  unpack_zip(
+      bytes, limits, [&](std::string_view name) { begin_file(name); }, [&](std::string_view piece) { write(piece); });
+}
 
 std::vector<FileUpload::File>& FileUpload::files() {
   if (files_.empty()) throw Error(ErrorCode::invalid_argument, "Send at least one file.");

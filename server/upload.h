@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "api/service.h"
+#include "server/archive.h"
 #include "server/blob_store.h"
 
 namespace spherule::server {
@@ -29,6 +30,9 @@ class FileUpload final : public api::Upload {
 
   void begin_file(std::string_view name) override;
   void write(std::string_view piece) override;
+
+  /// When all that has arrived is one zip archive, puts its files in its place. Throws what unpack_zip() throws.
+  void unpack(const ArchiveLimits& limits);
 
   /// What has arrived, ascending by name. Throws invalid_argument when that is nothing.
   std::vector<File>& files();

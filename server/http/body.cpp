@@ -110,23 +110,23 @@ void HttpBody::receive(const Take& take) {
 void HttpBody::read(std::uint64_t limit, const Take& take) {
   begin(limit);
   Counted counted{limit, take};
-  if (encoding_.empty() || encoding_ == "identity") {
+  const Encoding encoding = content_encoding(encoding_);
+  if (encoding == Encoding::identity) {
     receive([&](std::string_view piece) { counted(piece); });
     return;
   }
-  if (encoding_ != "gzip") {
-    throw Error(ErrorCode::unknown_format, "Send the body as it is, or with Content-Encoding: gzip.");
-  }
-  Inflater inflater;
+  const std::unique_ptr<Unpacker> unpacker = make_unpacker(encoding);
   Counted packed{limit, [&](std::string_view piece) {
-                   inflater.feed(piece, [&](std::string_view unpacked) { counted(unpacked); });
+                   unpacker->feed(piece, [&](std::string_view unpacked) { counted(unpacked); });
                  }};
   receive([&](std::string_view piece) { packed(piece); });
-  if (!inflater.ended()) throw Error(ErrorCode::malformed, "The gzip body is cut short; send it again whole.");
+  if (!unpacker->ended()) {
+    throw Error(ErrorCode::malformed, "The packed body is cut short; send it again whole.");
+  }
 }
 
 void HttpBody::read_parts(std::uint64_t limit, const BeginPart& begin_part, const Take& take) {
-  if (!encoding_.empty() && encoding_ != "identity") {
+  if (content_encoding(encoding_) != Encoding::identity) {
     throw Error(ErrorCode::unknown_format, "Send multipart bodies without Content-Encoding.");
   }
   begin(limit);

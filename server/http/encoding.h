@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Content encodings, as streams: gzip for bodies that come and answers that go, and what the headers about them say.
+// Content encodings: gzip (RFC 1952) and zstd (RFC 8878) as streams, for bodies that come and answers that go, and what
+// the headers about them say.
 #pragma once
 
-#include <zlib.h>
-
+#include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -12,47 +13,44 @@
 
 namespace spherule::server {
 
-/// Unpacks gzip; members may follow one another.
-class Inflater {
- public:
-  Inflater();
-  ~Inflater();
-  Inflater(const Inflater&) = delete;
-  Inflater& operator=(const Inflater&) = delete;
+enum class Encoding { identity, gzip, zstd };
 
-  /// Hands on what the next bytes unpack to. Throws malformed when they are not gzip.
-  void feed(std::string_view bytes, const api::Body::Take& take);
+/// As headers write it.
+std::string_view name(Encoding encoding);
+
+/// A Content-Encoding header, empty for none. Throws unknown_format for what is not known here, and for lists.
+Encoding content_encoding(std::string_view header);
+
+/// The best of the three for an Accept-Encoding header (RFC 9110, 12.5.3): by its q-values; among equals zstd before
+/// gzip before none. An empty header asks for none.
+Encoding preferred_encoding(std::string_view accept_encoding);
+
+class Unpacker {
+ public:
+  virtual ~Unpacker() = default;
+  /// Hands on what the next bytes unpack to, in small pieces. Members and frames may follow one another. Throws
+  /// malformed when they are not what was announced.
+  virtual void feed(std::string_view bytes, const api::Body::Take& take) = 0;
   /// Whether the last member is complete.
-  bool ended() const { return ended_; }
-
- private:
-  z_stream stream_{};
-  bool ended_ = false;
+  virtual bool ended() const = 0;
 };
 
-/// Packs into gzip.
-class Deflater {
+class Packer {
  public:
-  Deflater();
-  ~Deflater();
-  Deflater(const Deflater&) = delete;
-  Deflater& operator=(const Deflater&) = delete;
-
+  virtual ~Packer() = default;
   /// What the next bytes pack to so far; with `last`, to the end.
-  std::string feed(std::string_view bytes, bool last);
-
- private:
-  z_stream stream_{};
+  virtual std::string feed(std::string_view bytes, bool last) = 0;
 };
 
-/// Whether content of this type shrinks.
+/// For gzip and zstd. Throws bad_alloc.
+std::unique_ptr<Unpacker> make_unpacker(Encoding encoding);
+std::unique_ptr<Packer> make_packer(Encoding encoding);
+
+/// Whether content of this type shrinks: text does, pictures and packed samples do not.
 bool compressible(std::string_view media_type);
 
-/// Whether an Accept-Encoding header allows gzip.
-bool accepts_gzip(std::string_view accept_encoding);
-
-/// Entity tags differ between encodings: the tag of the packed form, and the plain forms of the tags in a header.
-std::string packed_tag(std::string plain);
+/// Entity tags differ between encodings: the tag of the packed form, and the plain forms of all tags in a header.
+std::string packed_tag(std::string plain, Encoding encoding);
 std::string plain_tags(std::string tags);
 
 }  // namespace spherule::server

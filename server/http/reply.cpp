@@ -5,6 +5,7 @@
 #include <chrono>
 #include <memory>
 
+#include "server/http/connections.h"
 #include "server/http/encoding.h"
 
 namespace spherule::server {
@@ -47,6 +48,11 @@ void set_part(httplib::Response& response, api::ContentPart&& given, const std::
   response.set_content_provider(part->length, type,
                                 [part](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
                                   return succeeds([&] {
+                                    Connection* connection = Connection::current();
+                                    if (connection != nullptr && part->content.file >= 0) {
+                                      connection->take_from_file(part->content.file, part->offset + offset);
+                                      return sink.write(nullptr, length);
+                                    }
                                     std::string piece(std::min(length, kPieceBytes), '\0');
                                     const std::size_t n = part->content.read_at(part->offset + offset, piece);
                                     return n > 0 && sink.write(piece.data(), n);
@@ -54,14 +60,14 @@ void set_part(httplib::Response& response, api::ContentPart&& given, const std::
                                 });
 }
 
-void set_packed_part(httplib::Response& response, api::ContentPart&& given, const std::string& type) {
+void set_packed_part(httplib::Response& response, api::ContentPart&& given, const std::string& type,
+                     Encoding encoding) {
   struct Stream {
     api::ContentPart part;
-    Deflater deflater;
+    std::unique_ptr<Packer> packer;
     std::uint64_t at = 0;
   };
-  const auto stream = std::make_shared<Stream>();
-  stream->part = std::move(given);
+  const auto stream = std::make_shared<Stream>(std::move(given), make_packer(encoding));
   response.set_chunked_content_provider(type, [stream](std::size_t, httplib::DataSink& sink) {
     return succeeds([&] {
       std::string piece(std::min<std::uint64_t>(kPieceBytes, stream->part.length - stream->at), '\0');
@@ -69,7 +75,7 @@ void set_packed_part(httplib::Response& response, api::ContentPart&& given, cons
       if (n == 0) return false;
       stream->at += n;
       const bool last = stream->at == stream->part.length;
-      const std::string packed = stream->deflater.feed({piece.data(), n}, last);
+      const std::string packed = stream->packer->feed({piece.data(), n}, last);
       const bool good = packed.empty() || sink.write(packed.data(), packed.size());
       if (last) sink.done();
       return good;
@@ -101,16 +107,20 @@ void send(Response&& answer, ReplyOptions options, httplib::Response& response) 
   auto* text = std::get_if<std::string>(&answer.body);
   const bool whole = answer.status >= 200 && answer.status != 204 && answer.status != 206 && answer.status != 304;
   const bool packable = compressible(type) && whole && !close;
-  const bool packed = options.packed && packable &&
+  const bool packed = options.encoding != Encoding::identity && packable &&
                       ((text != nullptr && text->size() >= kWorthCompressing) ||
                        (part != nullptr && part->length >= kWorthCompressing));
   for (auto& [name, value] : answer.headers) {
     if (name == "Content-Type") continue;
-    if (packed && name == "ETag") value = packed_tag(value);
+    if (name == "ETag") {
+      const std::string other = packed_tag(value, options.encoding);
+      // What is not modified is what the client has: the form that it would get again.
+      if (packed || (answer.status == 304 && options.known_tags.find(other) != std::string::npos)) value = other;
+    }
     if (packed && name == "Accept-Ranges") value = "none";
     response.set_header(name, value);
   }
-  if (packed) response.set_header("Content-Encoding", "gzip");
+  if (packed) response.set_header("Content-Encoding", std::string(name(options.encoding)));
   if (packable) response.set_header("Vary", "Accept-Encoding");
   if (answer.header("Accept-Ranges").empty()) response.set_header("Accept-Ranges", "none");
   if (close) response.set_header("Connection", "close");
@@ -129,9 +139,10 @@ void send(Response&& answer, ReplyOptions options, httplib::Response& response) 
         },
         [streamed = std::move(options.streamed)](bool) { streamed(); });
   } else if (part != nullptr && part->length > 0) {
-    packed ? set_packed_part(response, std::move(*part), type) : set_part(response, std::move(*part), type);
+    packed ? set_packed_part(response, std::move(*part), type, options.encoding)
+           : set_part(response, std::move(*part), type);
   } else if (text != nullptr && !text->empty()) {
-    set_text(response, packed ? Deflater().feed(*text, true) : std::move(*text), type, close);
+    set_text(response, packed ? make_packer(options.encoding)->feed(*text, true) : std::move(*text), type, close);
   } else if (!type.empty()) {
     response.set_header("Content-Type", type);
   }

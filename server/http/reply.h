@@ -6,8 +6,10 @@
 #include <httplib.h>
 
 #include <functional>
+#include <string>
 
 #include "api/http.h"
+#include "server/http/encoding.h"
 
 namespace spherule::server {
 
@@ -20,7 +22,8 @@ using Close = std::function<void()>;
 Close lingering(const httplib::ContentReader* reader);
 
 struct ReplyOptions {
-  bool packed = false;  ///< the client takes gzip
+  Encoding encoding = Encoding::identity;  ///< what the client likes best
+  std::string known_tags{};                ///< its If-None-Match header, as it came
   Close close{};
   std::function<bool()> stopping{};  ///< asked between events; true ends a stream
   std::function<void()> streamed{};  ///< called when an event stream is over

@@ -97,6 +97,7 @@ TEST_F(Routes, AnswerEveryGetAndHead) {
     fill("{volume}", kVolume);
     fill("{model}", kModel);
     fill("{job}", kJob);
+    fill("{upload}", kUpload);
     fill("{format}", "ply");
     fill("{axis}/{index}", "k/9");
     EXPECT_EQ(ask("GET", path).status, 200) << path;

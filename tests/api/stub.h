@@ -3,6 +3,8 @@
 // A service that knows one volume, two models and one job, and remembers what it was asked.
 #pragma once
 
+#include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -17,6 +19,7 @@ inline const std::string kVolume = "vol_" + std::string(32, 'a');
 inline const std::string kModel = "mdl_" + std::string(32, 'b');
 inline const std::string kImported = "mdl_" + std::string(32, 'c');
 inline const std::string kSimplified = "mdl_" + std::string(32, 'e');
+inline const std::string kUpload = "upl_" + std::string(32, 'f');
 inline const std::string kJob = "job_" + std::string(32, 'd');
 
 class StubService final : public api::Service {
@@ -42,6 +45,10 @@ class StubService final : public api::Service {
   api::PageRequest page;
   std::uint64_t announced = 0;
   std::vector<std::string> deleted;
+  api::UploadInfo resumable{.id = kUpload, .filename = {}, .length = 10, .offset = 0, .created = {}, .expires = {}};
+  std::string uploaded;  ///< its bytes
+  std::map<std::string, std::string> replies;
+  std::vector<std::string> reserved;
 
   static api::VolumeInfo volume_info() {
     api::VolumeInfo v;
@@ -282,6 +289,40 @@ class StubService final : public api::Service {
     obey();
     known(id == kJob);
     return job_info();
+  }
+  api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override {
+    resumable = {.id = kUpload, .filename = filename, .length = length, .offset = 0, .created = {}, .expires = {}};
+    return resumable;
+  }
+  api::UploadInfo upload(const std::string& id) override {
+    known(id == kUpload);
+    return resumable;
+  }
+  api::UploadInfo append_upload(const std::string& id, std::uint64_t offset,
+                                const std::function<void(const TakeBytes&)>& feed) override {
+    known(id == kUpload);
+    if (offset != resumable.offset) throw Error(ErrorCode::conflict, "Go on where the upload stands.");
+    feed([&](std::string_view piece) { uploaded += piece; });
+    resumable.offset = uploaded.size();
+    return resumable;
+  }
+  void read_upload(const std::string& id, const TakeBytes& take) override {
+    known(id == kUpload);
+    take(uploaded);
+  }
+  void delete_upload(const std::string& id) override {
+    known(id == kUpload);
+    deleted.push_back(id);
+  }
+  std::optional<std::string> recall_reply(const std::string& key) override {
+    if (const auto found = replies.find(key); found != replies.end()) return found->second;
+    reserved.push_back(key);
+    return std::nullopt;
+  }
+  void keep_reply(const std::string& key, const std::string& reply) override { replies[key] = reply; }
+  void release_reply(const std::string& key) override { std::erase(reserved, key); }
+  std::vector<api::Metric> metrics() override {
+    return {{"spherule_test", "gauge", "Of the test.", {{"", {{"of", "a \"b\"\n"}}, 0.5}, {"_sum", {}, 3}}}};
   }
 
  private:

@@ -43,6 +43,20 @@ std::string gunzip(const std::string& bytes) {
   return out;
 }
 
+// RFC 8878, with blocks of type 0 (the bytes as they are) or 1 (one byte, `size` times).
+std::string zstd_block(const std::string& content, unsigned type, std::size_t size, bool last) {
+  const std::size_t header = size << 3 | type << 1 | (last ? 1 : 0);
+  return {std::string{static_cast<char>(header & 0xff), static_cast<char>(header >> 8 & 0xff),
+                      static_cast<char>(header >> 16 & 0xff)} +
+          content};
+}
+std::string zstd_frame(std::size_t content_size, const std::vector<std::string>& blocks) {
+  std::string frame = "\x28\xb5\x2f\xfd\xa0";  // one segment, whose size follows in four bytes
+  for (int i = 0; i < 4; ++i) frame += static_cast<char>(content_size >> (8 * i) & 0xff);
+  for (const std::string& block : blocks) frame += block;
+  return frame;
+}
+
 // Every answer has one.
 std::size_t answers(const std::string& text) {
   const std::string part = "X-Request-Id: ";
@@ -72,7 +86,27 @@ TEST_F(Http, UnpacksGzipBodies) {
   EXPECT_EQ(upload(packed.substr(0, packed.size() - 5)).status, 400) << "cut";
   EXPECT_EQ(upload(bytes).status, 400) << "not gzip";
   EXPECT_EQ(upload(gzip(std::string(64 << 20, '\0'))).status, 413) << "a bomb";
-  EXPECT_EQ(client.post(raw, {.headers = {{"Content-Encoding", "zstd"}}, .body = bytes}).status, 415);
+  EXPECT_EQ(client.post(raw, {.headers = {{"Content-Encoding", "br"}}, .body = bytes}).status, 415);
+  EXPECT_LT(server.peak_memory(), std::size_t{200} << 20);
+}
+
+TEST_F(Http, UnpacksZstdBodies) {
+  const std::string bytes = ball(24, 11.5);
+  const auto upload = [&](const std::string& body) {
+    return client.post(raw, {.headers = {{"Content-Encoding", "zstd"}}, .body = body});
+  };
+  const std::string packed = zstd_frame(bytes.size(), {zstd_block(bytes, 0, bytes.size(), true)});
+  EXPECT_EQ(upload(packed).status, 201);
+  EXPECT_EQ(client.post(raw, {.body = bytes}).status, 200) << "the same bytes";
+  EXPECT_EQ(upload(packed.substr(0, packed.size() - 5)).status, 400) << "cut";
+  EXPECT_EQ(upload(bytes).status, 400) << "not zstd";
+  std::vector<std::string> blocks;
+  for (int i = 0; i < 4000; ++i) blocks.push_back(zstd_block(std::string(1, '\0'), 1, 1 << 17, i == 3999));
+  std::string bomb("\x28\xb5\x2f\xfd\x00\x68", 6);  // of unknown size, with a window of 8 MiB
+  for (const std::string& block : blocks) bomb += block;
+  EXPECT_LT(bomb.size(), 20'000U);
+  EXPECT_EQ(upload(bomb).status, 413) << "16 kB that stand for 500 MB";
+  EXPECT_EQ(upload(zstd_frame(std::size_t{1} << 31, {zstd_block("x", 0, 1, true)})).status, 400) << "a huge window";
   EXPECT_LT(server.peak_memory(), std::size_t{200} << 20);
 }
 
@@ -87,6 +121,14 @@ TEST_F(Http, PacksTextForThoseWhoTakeIt) {
   EXPECT_EQ(client.get("/openapi.yaml", {.headers = {{"If-None-Match", packed.header("ETag")}}}).status, 304);
   EXPECT_EQ(plain.header("Vary"), "Accept-Encoding");
   EXPECT_EQ(client.get("/openapi.yaml", {.headers = {{"Accept-Encoding", "gzip;q=0"}}}).body, plain.body);
+  const Answer modern = client.get("/openapi.yaml", {.headers = {{"Accept-Encoding", "gzip, deflate, br, zstd"}}});
+  EXPECT_EQ(modern.header("Content-Encoding"), "zstd");
+  EXPECT_EQ(modern.body.substr(0, 4), "\x28\xb5\x2f\xfd");
+  EXPECT_NE(modern.header("ETag"), packed.header("ETag"));
+  const Answer known =
+      client.get("/openapi.yaml", {.headers = {{"Accept-Encoding", "zstd"}, {"if-none-match", modern.header("ETag")}}});
+  EXPECT_EQ(known.status, 304);
+  EXPECT_EQ(known.header("ETag"), modern.header("ETag"));
 
   const std::string id = client.upload("?format=raw&dims=24,24,24&dtype=uint8", ball(24, 11.5));
   const std::string csv =

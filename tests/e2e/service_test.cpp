@@ -496,12 +496,19 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
   const std::string id = volume(), made = model();
   const Answer job = client().post("/v1/models", {.body = Json{{"volume", id}, {"threshold", 33}}.dump()});
   ASSERT_EQ(job.status, 202);
-  const std::map<std::string, std::string> bodies = {{"/v1/volumes", ball(24, 11.5)},
-                                                     {"/v1/models", Json{{"volume", id}, {"threshold", 34}}.dump()},
-                                                     {"/v1/models/{model}/simplifications", R"({"method": "median"})"}};
   const Answer simplified = client().post("/v1/models/" + made + "/simplifications",
                                           {.headers = {{"Prefer", "wait=60"}}, .body = R"({"method": "average"})"});
   ASSERT_EQ(simplified.status, 201) << simplified.body;
+  const Ask upload{.headers = {{"Upload-Length", "4"}}};
+  const std::string uploads = client().post("/v1/uploads", upload).header("Location");
+  // What an operation needs to succeed; a new one that needs something fails until it stands here.
+  const std::map<std::string, Ask> asks = {
+      {"POST /v1/volumes", {.body = ball(24, 11.5)}},
+      {"POST /v1/uploads", upload},
+      {"PATCH /v1/uploads/{upload}",
+       {.headers = {{"Upload-Offset", "0"}}, .body = "abcd", .type = "application/offset+octet-stream"}},
+      {"POST /v1/models", {.body = Json{{"volume", id}, {"threshold", 34}}.dump()}},
+      {"POST /v1/models/{model}/simplifications", {.body = R"({"method": "median"})"}}};
   // Deleting comes after all that reads, and a job that is to be cancelled must not be over.
   const std::string big = client().upload("?format=raw&dims=128,128,128&dtype=uint8", ball(128, 63));
   const Answer busy = client().post("/v1/models", {.body = Json{{"volume", big}, {"threshold", 5}}.dump()});
@@ -520,11 +527,12 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
     const std::string pattern = path;
     fill("{volume}", id);
     fill("{model}", path.ends_with("/tree") ? simplified.json()["id"].get<std::string>() : made);
+    fill("/v1/uploads/{upload}", uploads);
     fill("/v1/jobs/{job}", (cancels ? busy : job).header("Location"));
     fill("{format}", "ply");
     fill("{axis}/{index}", "k/9");
-    Ask ask;
-    if (method == "POST" && bodies.contains(pattern)) ask.body = bodies.at(pattern);
+    const auto wanted = asks.find(method + " " + pattern);
+    const Ask ask = wanted == asks.end() ? Ask() : wanted->second;
     if (pattern == "/v1/volumes" && method == "POST") path += kRaw;
     const Answer answer = client().ask(method, path, ask);
     EXPECT_TRUE(answer.status >= 200 && answer.status < 300) << method << " " << path << " " << answer.status;

@@ -26,6 +26,8 @@ cpp='\.(h|cpp)$'
 # only_in LIBRARY HEADER FILES
 only_in() { forbid "$1 belongs elsewhere" "$cpp" "^\s*#\s*include\s*[<\"]$2" "$3"; }
 only_in cpp-httplib 'httplib\.h' '^server/listener\.cpp$|^server/http/|^tests/e2e/'
+only_in libarchive 'archive(_entry)?\.h' '^server/archive\.cpp$'
+only_in zstd 'zstd\.h' '^server/http/encoding\.cpp$|^tests/e2e/'
 only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
 only_in SQLite 'sqlite3\.h' '^server/catalog\.cpp$|^tests/server/'
 only_in CGAL 'CGAL/' '^core/(delaunay|enclosing|plane_delaunay|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/archive.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <filesystem>
+#include <fstream>
+#include <map>
+
+#include "core/base/error.h"
+#include "server/digest.h"
+
+namespace spherule::server {
+namespace {
+
+struct Entry {
+  std::string name, bytes;
+  bool deflated = false;
+  std::uint32_t mode = 0100644;  // of Unix
+  std::uint16_t flags = 0x0800;  // names are UTF-8
+};
+
+void put(std::string& out, std::uint64_t value, int bytes) {
+  for (int i = 0; i < bytes; ++i) out += static_cast<char>(value >> (8 * i) & 0xff);
+}
+
+std::string deflate_raw(const std::string& bytes) {
+  z_stream stream{};
+  EXPECT_EQ(deflateInit2(&stream, 9, Z_DEFLATED, -MAX_WBITS, 8, Z_DEFAULT_STRATEGY), Z_OK);
+  std::string out(deflateBound(&stream, bytes.size()), '\0');
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
+  stream.avail_in = static_cast<uInt>(bytes.size());
+  stream.next_out = reinterpret_cast<Bytef*>(out.data());
+  stream.avail_out = static_cast<uInt>(out.size());
+  EXPECT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
+  out.resize(stream.total_out);
+  deflateEnd(&stream);
+  return out;
+}
+
+// By APPNOTE.TXT: local headers with the data, then the directory, then its end.
+std::string zip(const std::vector<Entry>& entries) {
+  std::string out, directory;
+  for (const Entry& entry : entries) {
+    const std::string data = entry.deflated ? deflate_raw(entry.bytes) : entry.bytes;
+    const auto crc =
+        crc32(0, reinterpret_cast<const Bytef*>(entry.bytes.data()), static_cast<uInt>(entry.bytes.size()));
+    std::string shared;
+    put(shared, 20, 2);
+    put(shared, entry.flags, 2);
+    put(shared, entry.deflated ? 8 : 0, 2);
+    put(shared, 0, 4);
+    put(shared, crc, 4);
+    put(shared, data.size(), 4);
+    put(shared, entry.bytes.size(), 4);
+    put(shared, entry.name.size(), 2);
+    put(shared, 0, 2);
+    directory += "PK\x01\x02";
+    put(directory, 0x0314, 2);  // made on Unix
+    directory += shared;
+    put(directory, 0, 2 + 2 + 2);
+    put(directory, static_cast<std::uint64_t>(entry.mode) << 16, 4);
+    put(directory, out.size(), 4);
+    directory += entry.name;
+    out += "PK\x03\x04" + shared + entry.name + data;
+  }
+  const std::size_t start = out.size();
+  out += directory + std::string("PK\x05\x06");
+  put(out, 0, 4);
+  put(out, entries.size(), 2);
+  put(out, entries.size(), 2);
+  put(out, directory.size(), 4);
+  put(out, start, 4);
+  put(out, 0, 2);
+  return out;
+}
+
+class Archive : public testing::Test {
+ protected:
+  ~Archive() override { std::filesystem::remove(path); }
+  std::map<std::string, std::string> unpack(const std::string& bytes,
+                                            ArchiveLimits limits = {.unpacked_bytes = 1 << 30}) {
+    std::ofstream(path, std::ios::binary) << bytes;
+    const Blob blob(::open(path.c_str(), O_RDONLY | O_CLOEXEC), path, sha256_hex(bytes));
+    std::map<std::string, std::string> files;
+    std::string* now = nullptr;
+    unpack_zip(
+        blob, limits, [&](std::string_view name) { now = &files[std::string(name)]; },
+        [&](std::string_view piece) { *now += piece; });
+    return files;
+  }
+  // The code that refuses this, or nothing.
+  std::optional<ErrorCode> refusal(const std::string& bytes, ArchiveLimits limits = {.unpacked_bytes = 1 << 30}) {
+    try {
+      unpack(bytes, limits);
+      return std::nullopt;
+    } catch (const Error& error) {
+      return error.code();
+    }
+  }
+  const std::filesystem::path path = std::filesystem::temp_directory_path() / (random_id("zip") + ".zip");
+};
+
+TEST_F(Archive, GivesItsFilesWithoutFolders) {
+  const std::string long_text(100'000, 'x');
+  const auto files = unpack(zip({{"scan/", "", false, 0040755},
+                                 {"scan/a.mhd", "header"},
+                                 {"scan/raw/b.raw", long_text, true},
+                                 {"K\xc3\xb6rper.dcm", "d"},
+                                 {"__MACOSX/scan/._a.mhd", "clutter"},
+                                 {"scan/.DS_Store", "clutter"},
+                                 {"empty", ""}}));
+  const std::map<std::string, std::string> expected = {
+      {"a.mhd", "header"}, {"b.raw", long_text}, {"K\xc3\xb6rper.dcm", "d"}, {"empty", ""}};
+  EXPECT_EQ(files, expected);
+  EXPECT_TRUE(is_zip(zip({{"a", "b"}})));
+  EXPECT_FALSE(is_zip("PK"));
+}
+
+TEST_F(Archive, RefusesNamesThatLeaveTheFolder) {
+  for (const char* name : {"../a", "a/../../b", "/etc/passwd", "..", "..\\a", "C:\\a", "a/.."}) {
+    EXPECT_EQ(refusal(zip({{name, "x"}})), ErrorCode::invalid_argument) << name;
+  }
+  EXPECT_EQ(refusal(zip({{"a..b/..c", "x"}})), std::nullopt);
+  EXPECT_EQ(refusal(zip({{"link", "/etc/passwd", false, 0120777}})), ErrorCode::invalid_argument);
+}
+
+TEST_F(Archive, RefusesWhatIsOverItsLimits) {
+  EXPECT_EQ(refusal(zip({{"a", "12345"}, {"b", "67890"}}), {.unpacked_bytes = 10}), std::nullopt);
+  EXPECT_EQ(refusal(zip({{"a", "12345"}, {"b", "678901"}}), {.unpacked_bytes = 10}), ErrorCode::too_large);
+  EXPECT_EQ(refusal(zip({{"a", "1"}, {"b", "2"}, {"c", "3"}}), {.unpacked_bytes = 10, .files = 2}),
+            ErrorCode::too_large);
+  const std::string bomb = zip({{"a", std::string(40 << 20, '\0'), true}});
+  EXPECT_EQ(refusal(bomb), ErrorCode::too_large) << "the ratio";
+  EXPECT_EQ(refusal(bomb, {.unpacked_bytes = 1 << 30, .ratio = 2000}), std::nullopt);
+}
+
+TEST_F(Archive, RefusesWhatIsDamaged) {
+  const std::string good = zip({{"a", std::string(5000, 'a'), true}, {"b", "text"}});
+  EXPECT_EQ(refusal(good), std::nullopt);
+  for (std::size_t size = 4; size < good.size(); size += 7) {
+    EXPECT_TRUE(refusal(good.substr(0, size))) << size;
+  }
+  EXPECT_EQ(refusal(zip({})), ErrorCode::malformed) << "no files";
+  EXPECT_EQ(refusal(zip({{"a", "secret", false, 0100644, 0x0801}})), ErrorCode::malformed) << "encrypted";
+  std::string wrong = zip({{"a", "checked by its sum"}});
+  wrong[wrong.find("sum")] = 'S';
+  EXPECT_EQ(refusal(wrong), ErrorCode::malformed);
+}
+
+}  // namespace
+}  // namespace spherule::server
