@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // Every command with curl that README, docs/ and the contract show, run as it stands there. Only the server's address,
-// the scan (a small one takes its place) and placeholders ("vol_…") are put in.
+// the scan (a small one takes its place) and placeholders ("vol_…", "mdl_…") are put in.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -69,6 +69,9 @@ TEST(Documentation, ShowsCommandsThatWork) {
   write(folder.path() / "engine.raw", ball(24, 11.5) + std::string(256 * 256 * 128 - 24 * 24 * 24, '\0'));
   write(folder.path() / "spheres.csv", "x,y,z,r\n0,0,0,1\n1,0,0,1.5\n");
   const std::string volume = client.upload("", ball_nifti(24, 11.5, 1));
+  const Answer made = client.post("/v1/models", {.headers = {{"Prefer", "wait=60"}},
+                                                 .body = R"({"volume": ")" + volume + R"(", "threshold": 100})"});
+  const std::string model(made.header("Location").substr(std::string_view("/v1/models/").size()));
 
   std::size_t commands = 0;
   for (const fs::path& file : files) {
@@ -76,7 +79,7 @@ TEST(Documentation, ShowsCommandsThatWork) {
       std::string text = replaced(script, "http://127.0.0.1:8080", "http://127.0.0.1:" + std::to_string(server.port()));
       text = replaced(text, "localhost:8080", "127.0.0.1:" + std::to_string(server.port()));
       text = replaced(text, "/usr/share/mricron/templates/", "");
-      text = replaced(text, "vol_…", volume);
+      text = replaced(replaced(text, "vol_…", volume), "mdl_…", model);
       write(folder.path() / "example.sh", "set -euo pipefail\ncd '" + folder.path().string() +
                                               "'\ncurl() { command curl --fail-with-body \"$@\"; }\n" + text);
       const std::string command =
