@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // The service's values as JSON text: what users see, what the catalogue keeps, and what ids are made of.
-// The only JSON of the program is in documents.cpp, records.cpp, requests.cpp and problem.cpp.
+// The only JSON of the program is in documents.cpp, records.cpp, registration_documents.cpp, requests.cpp and
+// problem.cpp.
 #pragma once
 
 #include <span>

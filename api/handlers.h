@@ -48,6 +48,14 @@ Response get_upload(const Call& call);
 Response patch_upload(const Call& call);
 Response delete_upload(const Call& call);
 
+Response list_registrations(const Call& call);
+Response post_registration(const Call& call);
+Response get_registration(const Call& call);
+Response delete_registration(const Call& call);
+Response get_registration_render(const Call& call);
+Response get_applied(const Call& call);
+Response post_apply(const Call& call);
+
 Response list_jobs(const Call& call);
 Response get_job(const Call& call);
 Response cancel_job(const Call& call);

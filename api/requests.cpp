@@ -527,6 +527,124 @@ SimplifyMethod simplify_wish(std::string_view text) {
   return parse_method(texts);
 }
 
+RegistrationRequest registration_wish(std::string_view text) {
+  const Json json = object_in(text, "{\"fixed\": id, \"moving\": id}");
+  RegistrationRequest wish;
+  RegistrationOptions& options = wish.options;
+  std::vector<FieldError> errors;
+  const auto wrong = [&](std::string_view key, std::string detail) {
+    errors.push_back({pointer_to(key), std::move(detail)});
+  };
+  const auto finite = [](const Json& j) { return j.is_number() && std::isfinite(j.get<double>()); };
+  const auto count = [&](std::string_view key, const Json& value, std::uint32_t& to) {
+    if (!value.is_number_unsigned() || value.get<std::uint64_t>() > 0xffffffffU)
+      return wrong(key, "Give a whole number.");
+    to = value.get<std::uint32_t>();
+  };
+  for (const auto& [key, value] : json.items()) {
+    if (key == "fixed" || key == "moving") {
+      if (value.is_string()) {
+        (key == "fixed" ? wish.fixed : wish.moving) = value;
+      } else {
+        wrong(key, "Give the id of a stored model.");
+      }
+    } else if (key == "transform") {
+      options.transform = value == "rigid"    ? TransformKind::rigid
+                          : value == "affine" ? TransformKind::affine
+                                              : TransformKind::similarity;
+      if (value != "rigid" && value != "similarity" && value != "affine")
+        wrong(key, "Give \"rigid\", \"similarity\" or \"affine\".");
+    } else if (key == "method") {
+      options.method = value == "matching" ? RegistrationMethod::matching : RegistrationMethod::global;
+      if (value != "global" && value != "matching") wrong(key, "Give \"global\" or \"matching\".");
+    } else if (key == "k") {
+      count(key, value, options.k);
+    } else if (key == "inits") {
+      count(key, value, options.inits);
+    } else if (key == "seed") {
+      if (value.is_number_unsigned()) options.seed = value;
+      if (!value.is_number_unsigned()) wrong(key, "Give a whole number, at least 0.");
+    } else if (key == "refine") {
+      if (value.is_boolean()) options.refine = value;
+      if (!value.is_boolean()) wrong(key, "Give true or false.");
+    } else if (key == "scale_bounds") {
+      if (value.is_array() && value.size() == 2 && finite(value[0]) && finite(value[1])) {
+        options.min_scale = value[0];
+        options.max_scale = value[1];
+      } else {
+        wrong(key, "Give two positive numbers, the lower one first.");
+      }
+    } else if (key == "weights") {
+      if (!value.is_object()) {
+        wrong(key, "Give an object of numbers: position, size, shape, alone.");
+        continue;
+      }
+      for (const auto& [name, weight] : value.items()) {
+        double* const to = name == "position" ? &options.weights.position
+                           : name == "size"   ? &options.weights.size
+                           : name == "shape"  ? &options.weights.shape
+                           : name == "alone"  ? &options.weights.alone
+                                              : nullptr;
+        if (to == nullptr || !finite(weight)) {
+          errors.push_back(
+              {"/weights" + pointer_to(name), "Known are position, size, shape and alone, each a number."});
+        } else {
+          *to = weight;
+        }
+      }
+    } else {
+      wrong(key,
+            "There is no such field; known are fixed, moving, transform, method, k, inits, scale_bounds, weights, "
+            "refine, seed.");
+    }
+  }
+  for (const char* id : {"fixed", "moving"})
+    if (!json.contains(id)) wrong(id, "Give the id of a stored model.");
+  if (!errors.empty()) {
+    throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.", std::move(errors));
+  }
+  check_registration_options(options);
+  return wish;
+}
+
+BeforeAfterRequest before_after_request(const Request& request) {
+  std::vector<std::string_view> known;
+  for (const std::string_view name : render_option_names())
+    if (name != "layout" && name != "turntable") known.push_back(name);
+  known.push_back("of");
+  const Query query(request, known);
+  BeforeAfterRequest wanted;
+  wanted.few = query.choice("of", {"models", "spheres"}) == "spheres";
+  OptionTexts given = request.query;
+  std::erase_if(given, [](const auto& pair) { return pair.first == "of"; });
+  wanted.options = parse_render_options(given);
+  wanted.options.layout = Layout::overlaid;
+  check_render_options(wanted.options);
+  return wanted;
+}
+
+std::string query_of(const BeforeAfterRequest& request) {
+  RenderOptions options = request.options;
+  options.layout = Layout::beside;
+  std::string query = query_of(RenderRequest{.options = options, .with = {}});
+  if (request.few) query += query.empty() ? "?of=spheres" : "&of=spheres";
+  return query;
+}
+
+Applied applied_wish(std::string_view text) {
+  if (text.empty()) return Applied::volume;
+  const Json json = object_in(text, "{\"what\": \"volume\"}");
+  for (const auto& [key, value] : json.items()) {
+    if (key != "what")
+      throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.",
+                  {{pointer_to(key), "There is no such field; known is what."}});
+    if (value != "volume" && value != "model")
+      throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.",
+                  {{"/what", "Give \"volume\" or \"model\"."}});
+  }
+  return json.value("what", "volume") == "model" ? Applied::model : Applied::volume;
+}
+
 double acceptability(std::string_view accept, std::string_view type) {
   if (trimmed(accept).empty()) return 1;
   const std::string_view major = type.substr(0, type.find('/'));

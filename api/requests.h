@@ -93,6 +93,14 @@ ModelWish model_wish(std::string_view json);
 /// The body of POST /v1/models/{model}/simplifications. Throws malformed and invalid_argument likewise.
 SimplifyMethod simplify_wish(std::string_view json);
 
+/// The body of POST /v1/registrations. Throws like model_wish, and what check_registration_options throws.
+RegistrationRequest registration_wish(std::string_view json);
+/// The options of core/render/options.h but for two models' layout and turns, and `?of=models|spheres`.
+BeforeAfterRequest before_after_request(const Request& request);
+std::string query_of(const BeforeAfterRequest& request);
+/// `{"what": "volume" | "model"}`, or nothing: the volume.
+Applied applied_wish(std::string_view json);
+
 /// Whether `accept` (an Accept header; empty accepts all) allows `type`; its quality, 0 … 1, by the most specific
 /// range.
 double acceptability(std::string_view accept, std::string_view type);

@@ -28,6 +28,7 @@
 #include "core/io/read.h"
 #include "core/measure.h"
 #include "core/measures.h"
+#include "core/register/register.h"
 #include "core/render/render.h"
 #include "core/render/slice_picture.h"
 #include "core/simplify/simplify.h"
@@ -243,6 +244,37 @@ struct DerivedRequest {
   std::uint32_t level = 0;  ///< of a simplified model, in place of its last; 0: that one
 };
 
+// ---------------------------------------------------------------------------------------------------- registrations
+
+struct RegistrationRequest {
+  std::string fixed, moving;  ///< ids of models
+  RegistrationOptions options{};
+};
+
+struct RegistrationInfo {
+  std::string id;
+  RegistrationRequest request;
+  AffineMap moving_to_fixed;
+  std::vector<Sphere> fixed_spheres, moving_spheres;  ///< the k spheres of each
+  std::string document;                               ///< what users see (registration_documents.h)
+};
+
+struct StoredRegistration {
+  RegistrationInfo registration;
+  bool already_stored = false;
+};
+
+/// What is made from a finished registration and kept as the answer's bytes.
+struct BeforeAfterRequest {
+  RenderOptions options{};
+  bool few = false;  ///< of the k spheres instead of the models
+};
+enum class Applied : std::uint8_t { volume, model };
+struct RegistrationAnswerRequest {
+  std::string registration;
+  std::variant<BeforeAfterRequest, Applied> what;
+};
+
 // ------------------------------------------------------------------------------------------------------------- jobs
 
 enum class JobState : std::uint8_t { queued, running, cancelling, succeeded, failed, cancelled };
@@ -251,8 +283,9 @@ constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
 
 struct JobInfo {
   std::string id;
-  std::string
-      kind;  ///< "model", "simplification", "measures", "checks", "render", "export", "contributions", "slice", "tree"
+  /// "model", "simplification", "registration", "registration_answer", "measures", "checks", "render", "export",
+  /// "contributions", "slice", "tree"
+  std::string kind;
   JobState state = JobState::queued;
   std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
   double progress = 0;                        ///< 0 … 1 over all stages; never goes back
@@ -371,6 +404,14 @@ class Service {
   /// Like make_model, for what is derived from a model or volume: the finished answer's bytes. Throws unusable for
   /// measures and checks that the model's kind does not have, invalid_argument for a level that it does not have.
   virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;
+
+  /// Like make_model, for a registration. Throws not_found without either model.
+  virtual Outcome<StoredRegistration> register_pair(const RegistrationRequest& request, Seconds wait) = 0;
+  virtual Page<RegistrationInfo> registrations(const PageRequest& page) = 0;
+  virtual RegistrationInfo registration(const std::string& id) = 0;
+  virtual void delete_registration(const std::string& id) = 0;
+  /// Like derive, from a registration. Throws unusable for volumes where a model was not made from one.
+  virtual Outcome<Content> derive_from(const RegistrationAnswerRequest& request, Seconds wait) = 0;
 
   virtual Page<JobInfo> jobs(const PageRequest& page) = 0;
   virtual JobInfo job(const std::string& id) = 0;

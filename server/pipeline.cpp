@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "api/documents.h"
+#include "api/registration_documents.h"
 #include "api/routes.h"
 #include "core/io/export.h"
 #include "core/spheres.h"
@@ -20,6 +21,7 @@
 #include "server/memory.h"
 #include "server/metrics.h"
 #include "server/model_job.h"
+#include "server/registration_job.h"
 #include "server/replies.h"
 #include "server/resumable.h"
 #include "server/simplification_job.h"
@@ -70,7 +72,11 @@ JobInfo job_info(const JobStatus& status) {
   job.remaining_s = status.remaining_s;
   job.warnings = record.warnings;
   if (record.error && record.error->code) job.error.emplace(*record.error->code, record.error->sentence);
-  if (record.state == JobState::succeeded) {
+  if (record.state == JobState::succeeded && record.kind == registration_kind) {
+    job.result = "/v1/registrations/" + record.result_id;
+  } else if (record.state == JobState::succeeded && record.kind == registration_answer_kind) {
+    job.result = api::path_of(api::registration_answer_from(record.request));
+  } else if (record.state == JobState::succeeded) {
     job.result = record.kind == "model" || record.kind == "simplification"
                      ? "/v1/models/" + record.result_id
                      : api::path_of(api::derived_from(record.request));
@@ -87,6 +93,8 @@ std::string kind_of(const DerivedRequest& request) {
 Resource run(Store& store, const JobRecord& record, JobContext& context) {
   if (record.kind == "model") return run_model(store, record, context);
   if (record.kind == "simplification") return run_simplification(store, record, context);
+  if (record.kind == registration_kind) return run_registration(store, record, context);
+  if (record.kind == registration_answer_kind) return run_registration_answer(store, record, context);
   return run_answer(store, record, context);
 }
 
@@ -192,6 +200,23 @@ struct Pipeline::State {
     const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory), wait);
     if (status.record.state != JobState::succeeded) return job_info(status);
     return api::StoredModel{api::model_from(store.find_model(id).document), false};
+  }
+
+  // The bytes of the answer of this id: as they are kept, or of a job of this kind.
+  api::Outcome<api::Content> answer_of(const std::string& kind, const std::string& id, const std::string& request,
+                                       const std::string& client, std::uint64_t memory, Seconds wait) {
+    if (const auto known = store.find_any(id)) {
+      try {
+        return content_of(store.intact(known->blobs.at(0)));
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
+        if (logs.damaged) logs.damaged(id);
+        store.remove(id);
+      }
+    }
+    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory), wait);
+    if (status.record.state != JobState::succeeded) return job_info(status);
+    return content_of(store.intact(store.find(id, answers_collection, "answer").blobs.at(0)));
   }
 
   // A mapped page of a list of the catalogue.
@@ -417,19 +442,48 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Second
     static_cast<void>(s.find_model(render->with));
   }
   const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
-  if (const auto known = s.find_any(id)) {
-    try {
-      return content_of(s.intact(known->blobs.at(0)));
-    } catch (const Error& error) {
-      if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
-      if (state_->logs.damaged) state_->logs.damaged(id);
-      s.remove(id);
-    }
-  }
+  return state_->answer_of(kind_of(request), id, api::record_of(request), client_, memory, wait);
+}
+
+api::Outcome<api::StoredRegistration> Pipeline::register_pair(const api::RegistrationRequest& request, Seconds wait) {
+  Store& s = state_->store;
+  const std::uint64_t memory = memory_to_derive(model(request.fixed)) + memory_to_derive(model(request.moving));
+  const std::string id = content_id("reg", api::identity_of(request, algorithm_version_text()));
+  if (const auto known = s.find_any(id)) return api::StoredRegistration{registration_info(*known), true};
   const JobStatus status =
-      state_->wait_for(state_->pool.submit(kind_of(request), id, api::record_of(request), client_, memory), wait);
+      state_->wait_for(state_->pool.submit(registration_kind, id, api::record_of(request), client_, memory), wait);
   if (status.record.state != JobState::succeeded) return job_info(status);
-  return content_of(s.intact(s.find(id, answers_collection, "model").blobs.at(0)));
+  return api::StoredRegistration{registration(id), false};
+}
+
+api::Page<api::RegistrationInfo> Pipeline::registrations(const api::PageRequest& wanted) {
+  const Page<Resource> found = state_->store.catalog.list(registrations_collection, wanted.cursor, wanted.limit);
+  api::Page<api::RegistrationInfo> result{.items = {}, .next = found.next};
+  for (const Resource& resource : found.items) result.items.push_back(registration_info(resource));
+  return result;
+}
+
+api::RegistrationInfo Pipeline::registration(const std::string& id) {
+  return registration_info(state_->store.find(id, registrations_collection, "registration"));
+}
+
+void Pipeline::delete_registration(const std::string& id) {
+  static_cast<void>(registration(id));
+  state_->store.remove(id);
+}
+
+api::Outcome<api::Content> Pipeline::derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) {
+  Store& s = state_->store;
+  const api::RegistrationInfo info = registration(request.registration);
+  std::uint64_t memory = memory_to_derive(model(info.request.fixed)) + memory_to_derive(model(info.request.moving));
+  if (const auto* what = std::get_if<api::Applied>(&request.what)) {
+    // Of the result: its samples, and the file that holds them.
+    memory += 8 * api::volume_from(volume_of(s, info.request.fixed).document).grid.sample_count();
+    if (*what == api::Applied::volume)
+      memory += memory_to_slice(api::volume_from(volume_of(s, info.request.moving).document));
+  }
+  const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
+  return state_->answer_of(registration_answer_kind, id, api::record_of(request), client_, memory, wait);
 }
 
 api::Page<JobInfo> Pipeline::jobs(const api::PageRequest& page) {

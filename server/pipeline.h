@@ -63,6 +63,11 @@ class Pipeline final : public api::Service {
                           const api::SphereListing& listing, bool members) override;
   RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override;
   api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override;
+  api::Outcome<api::StoredRegistration> register_pair(const api::RegistrationRequest& request, Seconds wait) override;
+  api::Page<api::RegistrationInfo> registrations(const api::PageRequest& page) override;
+  api::RegistrationInfo registration(const std::string& id) override;
+  void delete_registration(const std::string& id) override;
+  api::Outcome<api::Content> derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) override;
   api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;
   api::JobInfo job(const std::string& id) override;
   api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) override;

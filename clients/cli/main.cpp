@@ -22,6 +22,8 @@
 #include "core/io/export.h"
 #include "core/measures.h"
 #include "core/pipeline.h"
+#include "core/register/itk.h"
+#include "core/register/register.h"
 #include "core/simplify/simplify.h"
 
 namespace spherule::cli {
@@ -266,6 +268,37 @@ struct Run {
     if (simplified.optimality_gap) report.row("optimality_gap", *simplified.optimality_gap);
   }
 
+  void register_pair() {
+    if (options.fixed.empty()) throw UsageError("Say what to lay it on: --fixed FILE.");
+    const BuiltModel moving = obtain();
+    Options other = options;
+    other.files = options.fixed;
+    Run of_fixed{other, context, report};
+    const BuiltModel fixed = of_fixed.obtain();
+    const Registration found = timed("register", [&] {
+      return register_models(fixed.model, moving.model, {.transform = options.transform}, context);
+    });
+    const Decomposition parts = decompose(found.moving_to_fixed, found.centre);
+    report.heading("Moving to fixed, LPS mm");
+    for (std::size_t r = 0; r < 3; ++r) {
+      const std::string name = "row_" + std::to_string(r);
+      report.row(name, found.moving_to_fixed.linear.rows[r]);
+    }
+    report.row("shift", found.moving_to_fixed.shift, "mm");
+    report.row("angle", parts.angle_deg, "deg");
+    report.row("scale", scale_of(found.moving_to_fixed));
+    report.heading("Quality");
+    report.row("dice", found.overlap.dice);
+    report.row("iou", found.overlap.iou);
+    report.row("surface_mean", found.surfaces.mean_mm, "mm");
+    report.row("surface_p95", found.surfaces.p95_mm, "mm");
+    report.row("matched_share", found.matched_share);
+    report.row("other_poses", std::uint64_t{found.others.size()});
+    report.row("poor", found.poor ? "yes" : "no");
+    for (const std::string& warning : found.warnings) report.row("warning", std::string_view(warning));
+    if (!options.out.empty()) write_file(options.out, itk_transform(inverse(found.moving_to_fixed)));
+  }
+
   void measures() {
     std::optional<Volume> volume;
     ObjectRule object;
@@ -379,6 +412,7 @@ struct Run {
     if (command == "points") points();
     if (command == "model" || command == "export") model();
     if (command == "simplify") simplify();
+    if (command == "register") register_pair();
     if (command == "measures") measures();
     if (command == "checks") checks();
     if (command == "render") render();
@@ -393,6 +427,8 @@ void check_output(const Options& options) {
     if (picture || options.command == "export") throw UsageError("Say where to: -o FILE.");
   } else if (picture) {
     if (options.out.extension() != ".png") throw UsageError("Pictures are PNG: -o FILE.png.");
+  } else if (options.command == "register") {
+    if (options.out.extension() != ".tfm") throw UsageError("Transforms are ITK's text files: -o FILE.tfm.");
   } else if (options.command != "points" && options.command != "model" && options.command != "simplify" &&
              options.command != "export") {
     throw UsageError("The command " + options.command + " writes no file; leave out -o.");

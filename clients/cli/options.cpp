@@ -21,6 +21,7 @@ Commands
   points    boundary points (-o writes them as spheres of radius 0)
   model     the sphere model, stage by stage (-o writes its spheres)
   simplify  a simpler model, and how near it is to the object (-o writes its spheres)
+  register  the transform that lays FILE on the fixed file, and how good it is (-o transform.tfm, for ITK and 3D Slicer)
   measures  volume, area, moments and topology of each representation; thickness, components, enclosing sphere
   checks    the model's own guarantees, with counts of violations
   render    a picture of the spheres (-o picture.png)
@@ -50,6 +51,10 @@ Simplification
   --method best,k=N | best,iou=S[,mode=inner|best|outer]            the N spheres that overlap best, or enough of them
 R is enclosing, largest, mean or volume.
 
+Registration
+  --fixed FILE           what FILE is laid on; again for each file of it
+  --transform T          rigid, similarity or affine (default: similarity)
+
 Pictures
   --view a|p|r|l|h|f     seen from the front, back, right, left, above (head), below (feet) (default: a)
   --size W[xH]           pixels (default: 800)
@@ -67,7 +72,8 @@ Exit status: 0 done, 1 the data cannot be used, 2 the command line makes no sens
 
 namespace {
 
-constexpr std::array kCommands{"info", "points", "model", "simplify", "measures", "checks", "render", "export"};
+constexpr std::array kCommands{"info",     "points", "model",  "simplify", "register",
+                               "measures", "checks", "render", "export"};
 
 template <typename T>
 T number(std::string_view text, std::string_view option) {
@@ -173,6 +179,8 @@ Options parse(int argc, char** argv) {
     size,
     samples,
     background,
+    fixed,
+    transform,
     threads,
     plain,
     help
@@ -187,6 +195,8 @@ Options parse(int argc, char** argv) {
                                  {"frame", required_argument, nullptr, frame},
                                  {"grid", required_argument, nullptr, grid},
                                  {"method", required_argument, nullptr, method},
+                                 {"fixed", required_argument, nullptr, fixed},
+                                 {"transform", required_argument, nullptr, transform},
                                  {"view", required_argument, nullptr, view},
                                  {"size", required_argument, nullptr, size},
                                  {"samples", required_argument, nullptr, samples},
@@ -219,6 +229,13 @@ Options parse(int argc, char** argv) {
       case frame: options.read.frame = number<int>(optarg, "--frame"); break;
       case grid: options.read.grid = optarg; break;
       case method: options.method = parse_method(method_words(optarg)); break;
+      case fixed: options.fixed.emplace_back(optarg); break;
+      case transform:
+        options.transform = one_of(
+            std::array{std::pair{"rigid", TransformKind::rigid}, std::pair{"similarity", TransformKind::similarity},
+                       std::pair{"affine", TransformKind::affine}},
+            optarg, "--transform");
+        break;
       case view:
         options.render.views.front() = one_of(
             std::array{std::pair{"a", View::anterior}, std::pair{"p", View::posterior}, std::pair{"r", View::right},

@@ -11,6 +11,7 @@
 
 #include "core/inside.h"
 #include "core/io/read.h"
+#include "core/register/solve.h"
 #include "core/render/render.h"
 #include "core/simplify/simplify.h"
 
@@ -22,8 +23,10 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-  std::string command;                       ///< info, points, model, simplify, measures, checks, render or export
+  std::string command;  ///< info, points, model, simplify, register, measures, checks, render or export
   std::vector<std::filesystem::path> files;  ///< at least one
+  std::vector<std::filesystem::path> fixed;  ///< for register: the files of the other volume
+  TransformKind transform = TransformKind::similarity;
   ReadOptions read;
   std::optional<ObjectRule> rule;  ///< without its side, which `side` or else the volume decides
   std::optional<Side> side;

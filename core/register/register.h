@@ -5,7 +5,9 @@
 //   rotations  evenly spread rotations                 assignment  who goes with whom at the least cost
 //   shape      model -> what registration looks at     overlap     soft balls over all poses
 //   matching   spheres -> pairs -> map (the paper)     surface_fit surface onto surface
-//   quality    overlap of unions
+//   quality    overlap of unions                       itk         map -> file
+//   resample   moving volume or model on the fixed grid
+//   picture    before and after
 //
 // Sources: Ranjan and Fournier, Volume Models for Volumetric Data (1994), section 4; the others are named where they
 // are used.
@@ -44,6 +46,9 @@ struct RegistrationOptions {
   bool refine = true;      ///< by the models' surfaces; without it the answer is that of the k spheres
   std::uint64_t seed = 0;  ///< turns the rotations that are tried; any answer that depends on it is in doubt
 };
+
+/// Changes whenever the same models and options would give another answer.
+inline constexpr int registration_edition = 1;
 
 /// Throws invalid_argument, naming the field, for options outside their ranges.
 void check_registration_options(const RegistrationOptions& options);

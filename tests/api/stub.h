@@ -11,6 +11,7 @@
 
 #include "api/documents.h"
 #include "api/http.h"
+#include "api/registration_documents.h"
 #include "api/service.h"
 
 namespace spherule::test {
@@ -20,6 +21,7 @@ inline const std::string kModel = "mdl_" + std::string(32, 'b');
 inline const std::string kImported = "mdl_" + std::string(32, 'c');
 inline const std::string kSimplified = "mdl_" + std::string(32, 'e');
 inline const std::string kUpload = "upl_" + std::string(32, 'f');
+inline const std::string kRegistration = "reg_" + std::string(32, 'f');
 inline const std::string kJob = "job_" + std::string(32, 'd');
 
 class StubService final : public api::Service {
@@ -37,6 +39,8 @@ class StubService final : public api::Service {
   std::optional<api::ModelRequest> made;
   std::optional<api::SimplificationRequest> simplified;
   std::optional<api::DerivedRequest> derived;
+  std::optional<api::RegistrationRequest> registered;
+  std::optional<api::RegistrationAnswerRequest> derived_from_registration;
   std::optional<api::SphereFormat> imported;
   api::SphereListing listing;
   std::uint32_t level = 0;
@@ -267,6 +271,49 @@ class StubService final : public api::Service {
       return content(api::tree_document(kModel, kImported, std::vector<std::uint32_t>{1, 2}, std::vector{one, two},
                                         {.begin = {0, 2, 3}, .items = {0, 2, 1}}));
     }
+    return content("derived bytes");
+  }
+  static api::RegistrationInfo registration_info() {
+    const api::RegistrationRequest request{.fixed = kModel, .moving = kImported, .options = {.k = 8}};
+    Registration found;
+    found.moving_to_fixed = {scaled(2, rotation(Vec3{0, 0, 1})), {1, 2, 3}};
+    found.fixed_spheres = {{{1, 2, 3}, 4}, {{5, 6, 7}, 8}};
+    found.moving_spheres = {{{1, 2, 3}, 4}};
+    found.pairs = {{0, 1}};
+    found.others = {{.moving_to_fixed = {}, .surfaces = {.agreement = 0.9}}};
+    found.timings = {{"shapes", 0.25}};
+    found.warnings = {"Other poses are nearly as good."};
+    return api::registration_from(
+        api::registration_document(kRegistration, api::Time(std::chrono::milliseconds(1'700'000'000'789)), "1", request,
+                                   found),
+        api::record_of(request));
+  }
+  api::Outcome<api::StoredRegistration> register_pair(const api::RegistrationRequest& request, Seconds wait) override {
+    obey();
+    known(request.fixed == kModel && request.moving == kImported);
+    registered = request;
+    waited = wait.count();
+    if (!finished) return job_info();
+    return api::StoredRegistration{registration_info(), already_stored};
+  }
+  api::Page<api::RegistrationInfo> registrations(const api::PageRequest& wanted) override {
+    page = wanted;
+    return {{registration_info()}, "next"};
+  }
+  api::RegistrationInfo registration(const std::string& id) override {
+    known(id == kRegistration);
+    return registration_info();
+  }
+  void delete_registration(const std::string& id) override {
+    known(id == kRegistration);
+    deleted.push_back(id);
+  }
+  api::Outcome<api::Content> derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) override {
+    obey();
+    known(request.registration == kRegistration);
+    derived_from_registration = request;
+    waited = wait.count();
+    if (!finished) return job_info();
     return content("derived bytes");
   }
   api::Page<api::JobInfo> jobs(const api::PageRequest& wanted) override {

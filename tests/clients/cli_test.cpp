@@ -125,6 +125,23 @@ TEST_F(Command, SimplifiesABall) {
   EXPECT_EQ(run("simplify " + ball + "--method best,k=4,limit=3").status, 2);
 }
 
+TEST_F(Command, RegistersTwoSetsOfSpheres) {
+  const auto write = [&](const char* name, const char* text) { std::ofstream(folder_ / name) << text; };
+  write("three.csv", "x,y,z,r\n0,0,0,3\n5,0,0,2\n0,4,2,1.5\n");
+  // A quarter turn about z, twice as large, elsewhere.
+  write("turned.csv", "x,y,z,r\n10,20,30,6\n10,30,30,4\n2,20,34,3\n");
+  const Outcome o = run("register FOLDER/turned.csv --fixed FOLDER/three.csv --plain -o FOLDER/found.tfm");
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_NEAR(std::stod(o.rows.at("scale")), 0.5, 0.002);
+  EXPECT_NEAR(std::stod(o.rows.at("angle_deg")), 90, 0.2);
+  EXPECT_GT(std::stod(o.rows.at("dice")), 0.99);
+  EXPECT_EQ(o.rows.at("poor"), "no");
+  EXPECT_TRUE(bytes("found.tfm").starts_with("#Insight Transform File V1.0\n"));
+  EXPECT_EQ(run("register FOLDER/three.csv").status, 2);
+  EXPECT_EQ(run("register FOLDER/three.csv --fixed FOLDER/turned.csv -o FOLDER/found.csv").status, 2);
+  EXPECT_EQ(run("register FOLDER/three.csv --fixed FOLDER/turned.csv --transform rubber").status, 2);
+}
+
 TEST_F(Command, ChecksFindNothing) {
   const Outcome o = run("checks --plain --threshold 100.5 --border open" + kBall);
   ASSERT_EQ(o.status, 0) << o.out;
@@ -194,7 +211,7 @@ TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
 TEST_F(Command, HelpNamesEveryCommand) {
   const Outcome o = run("--help");
   ASSERT_EQ(o.status, 0);
-  for (const char* word : {"info", "points", "model", "simplify", "measures", "checks", "render", "export"})
+  for (const char* word : {"info", "points", "model", "simplify", "register", "measures", "checks", "render", "export"})
     EXPECT_NE(o.out.find(std::string("\n  ") + word + ' '), std::string::npos) << word;
 }
 
