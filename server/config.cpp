@@ -140,7 +140,7 @@ std::vector<ApiKey> parse_keys(const std::string& source, std::string_view text)
 
 /// `source` says where the value was given. Lists are text with commas between.
 void set(Config& config, const Setting& setting, const std::string& source, std::string_view text) {
-  if (text.empty() && setting.placeholder != "FILE" && setting.placeholder != "KEY,...")
+  if (text.empty() && setting.placeholder != "FILE" && !setting.placeholder.ends_with(",..."))
     refuse(source + " needs a value");
   std::visit(
       [&](auto field) {
