@@ -257,10 +257,10 @@ void JobPool::State::take_up_unfinished() {
     if (record.state == JobState::running) ++record.crashes;
     ++record.attempts;
     if (record.crashes >= options.crash_limit) {
-      catalog.update_job(ended(record, JobState::failed,
-                               JobError{{},
-                                        "The server stopped " + std::to_string(record.crashes) +
-                                            " times during this work and will not try it again; ask for less."}));
+      catalog.update_job(
+          ended(record, JobState::failed,
+                JobError{ErrorCode::unusable, "The server stopped " + std::to_string(record.crashes) +
+                                                  " times during this work and will not try it again; ask for less."}));
       continue;
     }
     record.state = JobState::queued;

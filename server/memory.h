@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // How much memory a job will need at its peak: what admission goes by. Coefficients come from measured peaks of the
-// stages (tests/bench: `tests/bench/run memory`), rounded up; they are estimates, not bounds.
+// stages (tests/bench/memory.sh), rounded up; they are estimates, not bounds.
 #pragma once
 
 #include <cstddef>

@@ -529,11 +529,14 @@ void Pipeline::read_upload(const std::string& id, const TakeBytes& take) { state
 
 void Pipeline::delete_upload(const std::string& id) { state_->uploads.remove(id); }
 
-std::optional<std::string> Pipeline::recall_reply(const std::string& key) { return state_->replies.recall(key); }
+// Clients do not see each other's replies, whatever keys they choose.
+std::string Pipeline::own(const std::string& key) const { return client_ + " " + key; }
 
-void Pipeline::keep_reply(const std::string& key, const std::string& reply) { state_->replies.keep(key, reply); }
+std::optional<std::string> Pipeline::recall_reply(const std::string& key) { return state_->replies.recall(own(key)); }
 
-void Pipeline::release_reply(const std::string& key) { state_->replies.release(key); }
+void Pipeline::keep_reply(const std::string& key, const std::string& reply) { state_->replies.keep(own(key), reply); }
+
+void Pipeline::release_reply(const std::string& key) { state_->replies.release(own(key)); }
 
 std::vector<api::Metric> Pipeline::metrics() {
   Store& s = state_->store;

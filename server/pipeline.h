@@ -87,6 +87,8 @@ class Pipeline final : public api::Service {
   struct State;
   Pipeline(std::shared_ptr<State> state, std::string client) : state_(std::move(state)), client_(std::move(client)) {}
 
+  std::string own(const std::string& key) const;
+
   std::shared_ptr<State> state_;
   std::string client_;
 };

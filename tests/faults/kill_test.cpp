@@ -126,10 +126,16 @@ TEST(Kill, LosesNothingAcknowledgedAndServesNothingHalfWritten) {
   clients.clear();
 
   const Client client(server->port());
-  std::size_t ended = 0;
+  std::size_t ended = 0, given_up = 0;
   for (const std::string& job : known.jobs) {
     client.get(job + "/events");
     const Json over = client.get(job).json();
+    // Work during which the server died ten times is not tried again, and says so.
+    const std::string reason = over.value("error", Json::object()).value("detail", "");
+    if (reason.find("stopped 10 times") != std::string::npos) {
+      ++given_up;
+      continue;
+    }
     EXPECT_EQ(over["state"], "succeeded") << over.dump();
     EXPECT_EQ(client.get(over["links"].value("result", "/")).status, 200) << job;
     ended += over["state"] == "succeeded";
@@ -149,8 +155,8 @@ TEST(Kill, LosesNothingAcknowledgedAndServesNothingHalfWritten) {
 
   std::printf("%d kills: %d during uploads", kills(), while_uploading);
   for (const auto& [stage, count] : while_running) std::printf(", %d during %s", count, stage.c_str());
-  std::printf("\nacknowledged and found: %zu volumes, %zu models, %zu of %zu jobs, %zu measures\n%s",
-              known.volumes.size(), known.models.size(), ended, known.jobs.size(), known.measures.size(),
+  std::printf("\nacknowledged and found: %zu volumes, %zu models, %zu of %zu jobs (%zu given up), %zu measures\n%s",
+              known.volumes.size(), known.models.size(), ended, known.jobs.size(), given_up, known.measures.size(),
               check.output.c_str());
   EXPECT_GE(static_cast<int>(known.volumes.size()), kills());
   EXPECT_GE(static_cast<int>(known.models.size() + known.jobs.size()), kills() / 2);

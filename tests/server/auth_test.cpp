@@ -63,6 +63,7 @@ TEST(Scopes, GoWithWhatARequestDoes) {
   for (const char* method : {"POST", "PUT", "PATCH", "BREW"})
     EXPECT_EQ(needed_scope(method, "/v1/models"), Scope::write);
   EXPECT_EQ(needed_scope("DELETE", "/v1/models/x"), Scope::admin);
+  EXPECT_EQ(needed_scope("DELETE", "/v1/uploads/x"), Scope::write);
   EXPECT_LT(Scope::read, Scope::write);
   EXPECT_LT(Scope::write, Scope::admin);
 }

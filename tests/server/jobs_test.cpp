@@ -382,7 +382,7 @@ TEST_F(Jobs, TakesUpWhatACrashLeft) {
   EXPECT_EQ(again.record.state, JobState::succeeded);
   EXPECT_EQ(again.record.crashes, 2U);
   EXPECT_EQ(pool.status("deadly").record.state, JobState::failed);
-  EXPECT_FALSE(pool.status("deadly").record.error->code);
+  EXPECT_EQ(pool.status("deadly").record.error->code, ErrorCode::unusable);
   EXPECT_EQ(pool.status("cancelling").record.state, JobState::cancelled);
   EXPECT_FALSE(catalog.find("mdl_deadly") || catalog.find("mdl_cancelling"));
 }
