@@ -80,6 +80,13 @@ Resource Store::find(const std::string& id, const char* collection, const char* 
   return std::move(*resource);
 }
 
+Resource Store::root_of(Resource model) {
+  while (const auto simplification = api::model_from(model.document).simplification) {
+    model = find_model(simplification->request.model);
+  }
+  return model;
+}
+
 Volume Store::read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
                    const api::VolumeParameters& parameters, const Context& context) const {
   ReadOptions options{.raw = parameters.raw, .frame = parameters.frame, .grid = parameters.grid, .limits = {}};
