@@ -320,7 +320,7 @@ void stability_of(const char* name, const phantoms::Field& field, const Grid& gr
   };
   const std::array changes{Change{.name = "noise", .noise = noise}, Change{.name = "turn 15°", .by = about_middle(15)},
                            Change{.name = "turn 90°", .by = about_middle(90)},
-                           Change{.name = "shift ⅓ voxel", .by = {.shift = {grid.spacing.x / 3, 0, 0}}},
+                           Change{.name = "shift ⅓ voxel", .by = {1, {}, {grid.spacing.x / 3, 0, 0}}},
                            Change{.name = "half resolution", .coarser = 2}};
   for (const Change& change : changes) {
     Grid other = grid;
