@@ -18,7 +18,7 @@ void not_found(const char* what) {
   throw Error(ErrorCode::not_found, std::string("There is no such ") + what + "; it was deleted or never made.");
 }
 
-api::Content content_of(std::shared_ptr<const Blob> blob) {
+api::Content content_of(const std::shared_ptr<const Blob>& blob) {
   return {.bytes = blob->size(),
           .sha256 = blob->sha256(),
           .read_at = [blob](std::uint64_t offset, std::span<char> out) { return blob->read_at(offset, out); },

@@ -40,7 +40,7 @@ std::string algorithm_version_text();
 [[noreturn]] void not_found(const char* what);
 
 /// Stored bytes as the interface hands them out.
-api::Content content_of(std::shared_ptr<const Blob> blob);
+api::Content content_of(const std::shared_ptr<const Blob>& blob);
 
 /// Seconds of each stage, by name.
 class Stopwatch {
