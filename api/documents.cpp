@@ -185,11 +185,14 @@ Json model_json(const ModelInfo& model) {
              {"histogram", self + "/histogram"},
              {"render", self + "/render"},
              {"simplifications", self + "/simplifications"},
-             {"exports",
-              {{"csv", self + "/exports/csv"},
-               {"npy", self + "/exports/npy"},
-               {"ply", self + "/exports/ply"},
-               {"vtp", self + "/exports/vtp"}}}};
+             {"exports", Json::object()}};
+  for (const SphereFormat f : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {
+    links["exports"][std::string(name(f))] = self + "/exports/" + std::string(name(f));
+  }
+  for (std::size_t i = 0; i < file_format_count; ++i) {
+    const std::string format(info(static_cast<FileFormat>(i)).name);
+    links["exports"][format] = self + "/exports/" + format;
+  }
   if (model.source) {
     json["source"] = {{"volume", model.source->volume}};
     json["parameters"] = rule_json(model.source->rule);
@@ -678,6 +681,9 @@ std::string path_of(const DerivedRequest& request) {
       }
       if (e.listing.rows != SphereRows::spheres) path += before + ("rows=" + std::string(name(e.listing.rows)));
       return path;
+    }
+    std::string operator()(const FileRequest& f) const {
+      return "/exports/" + std::string(info(f.format).name) + query_of(f);
     }
     std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
     std::string operator()(const SliceRequest&) const { return {}; }  // not of a model

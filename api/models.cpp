@@ -48,6 +48,16 @@ Response exported(const Call& call, const ExportRequest& wanted, std::uint32_t l
   return response;
 }
 
+Response get_file(const Call& call, FileFormat format) {
+  const FileFormatInfo& about = info(format);
+  const auto [file, level] = file_request(call.request, format);
+  Response response = derived(call, {.model = call.id(), .what = file, .level = level}, about.media_type,
+                              call.id() + "." + std::string(about.extension));
+  response.set("Spherule-Frame", std::string(about.frame));
+  response.set("Spherule-Unit", std::string(about.unit));
+  return response;
+}
+
 std::optional<SphereFormat> sphere_format(std::string_view word) {
   for (std::size_t i = 0; i < kSphereTypes.size(); ++i) {
     if (word == name(static_cast<SphereFormat>(i))) return static_cast<SphereFormat>(i);
@@ -57,6 +67,13 @@ std::optional<SphereFormat> sphere_format(std::string_view word) {
 
 std::uint32_t level_of(const Query& query) {
   return static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0));
+}
+
+std::string export_names() {
+  std::string names = "csv, npy, ply, vtp";
+  for (std::size_t i = 0; i < file_format_count; ++i)
+    names += ", " + std::string(info(static_cast<FileFormat>(i)).name);
+  return names;
 }
 
 }  // namespace
@@ -247,9 +264,10 @@ Response get_render(const Call& call) {
 }
 
 Response get_export(const Call& call) {
+  if (const auto file = file_format(call.parameters[1])) return get_file(call, *file);
   const Query query(call.request, {"level", "rows", "columns", "order"});
   const auto format = sphere_format(call.parameters[1]);
-  if (!format) throw Error(ErrorCode::not_found, "There is no such export; there are csv, npy, ply and vtp.");
+  if (!format) throw Error(ErrorCode::not_found, "There is no such export; there are " + export_names() + ".");
   return exported(call, {*format, sphere_listing(query)}, level_of(query));
 }
 

@@ -11,6 +11,8 @@ namespace {
 
 // Changes when pictures do, so that those kept by an older program are drawn anew.
 constexpr int kPictureEdition = 2;
+// Changes with what any file for another program holds.
+constexpr int kFileEdition = 1;
 
 // Members ascend, which with dump() is the canonical form.
 using Json = nlohmann::json;
@@ -119,6 +121,12 @@ Json to_json(const DerivedRequest& request) {
             {"axis", slice->axis}, {"index", slice->index},      {"format", media_type(slice->format)}};
     if (slice->object) json["object"] = to_json(ModelRequest{slice->volume, *slice->object});
     for (const auto& [name, text] : slice_option_texts(slice->options)) json["options"][name] = text;
+  }
+  if (const auto* file = std::get_if<FileRequest>(&request.what)) {
+    json["what"] = "file";
+    json["edition"] = kFileEdition;
+    json["format"] = info(file->format).name;
+    for (const auto& [name, text] : file_option_texts(file->format, file->options)) json["options"][name] = text;
   }
   if (request.level > 0) json["level"] = request.level;
   return json;
@@ -336,6 +344,14 @@ DerivedRequest derived_from(std::string_view record) {
       request.what = RenderRequest{.options = parse_render_options(texts), .with = json.value("with", "")};
     } else if (what == "tree") {
       request.what = TreeRequest{json.at("levels").get<std::vector<std::uint32_t>>()};
+    } else if (what == "file") {
+      const auto format = file_format(json.at("format").get<std::string>());
+      if (!format) throw Error(ErrorCode::corrupt, "The server's record names a format that it does not know.");
+      OptionTexts texts;
+      if (json.contains("options")) {
+        for (const auto& [name, text] : json.at("options").items()) texts.emplace_back(name, text.get<std::string>());
+      }
+      request.what = FileRequest{.format = *format, .options = parse_file_options(*format, texts)};
     } else {
       ExportRequest wanted;
       for (const SphereFormat format : {SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp}) {

@@ -435,6 +435,24 @@ std::string query_of(const SliceRequest& request) {
   return query;
 }
 
+std::pair<FileRequest, std::uint32_t> file_request(const Request& request, FileFormat format) {
+  std::vector<std::string_view> known(file_option_names(format).begin(), file_option_names(format).end());
+  known.push_back("level");
+  const Query query(request, known);
+  OptionTexts given = request.query;
+  std::erase_if(given, [](const auto& pair) { return pair.first == "level"; });
+  return {{format, parse_file_options(format, given)},
+          static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0))};
+}
+
+std::string query_of(const FileRequest& request) {
+  std::string query;
+  for (const auto& [name, text] : file_option_texts(request.format, request.options)) {
+    query += (query.empty() ? "?" : "&") + name + "=" + text;
+  }
+  return query;
+}
+
 ModelWish model_wish(std::string_view text) {
   const Json json = object_in(text, "{\"volume\": id, \"threshold\": 60.5}");
   ModelWish wish;

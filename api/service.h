@@ -25,6 +25,7 @@
 #include "core/checks.h"
 #include "core/inside.h"
 #include "core/io/export.h"
+#include "core/io/export_file.h"
 #include "core/io/read.h"
 #include "core/measure.h"
 #include "core/measures.h"
@@ -226,6 +227,10 @@ struct ExportRequest {
 struct TreeRequest {
   std::vector<std::uint32_t> levels;  ///< ascending
 };
+struct FileRequest {
+  FileFormat format = FileFormat::urdf;
+  FileOptions options{};
+};
 /// Every sphere's part of the union: not sent as it is, but needed by measures and by listings of spheres.
 struct ContributionsRequest {};
 struct SliceRequest {
@@ -239,7 +244,7 @@ struct SliceRequest {
 struct DerivedRequest {
   std::string model;  ///< empty for a slice, which is of a volume
   std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, SliceRequest,
-               TreeRequest>
+               TreeRequest, FileRequest>
       what;
   std::uint32_t level = 0;  ///< of a simplified model, in place of its last; 0: that one
 };
@@ -402,7 +407,8 @@ class Service {
                              const SphereListing& listing, bool members) = 0;
   virtual RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) = 0;
   /// Like make_model, for what is derived from a model or volume: the finished answer's bytes. Throws unusable for
-  /// measures and checks that the model's kind does not have, invalid_argument for a level that it does not have.
+  /// measures, checks and files that the model's kind or size does not have, invalid_argument for a level that it does
+  /// not have.
   virtual Outcome<Content> derive(const DerivedRequest& request, Seconds wait) = 0;
 
   /// Like make_model, for a registration. Throws not_found without either model.

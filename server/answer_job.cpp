@@ -9,6 +9,7 @@
 #include "api/documents.h"
 #include "core/checks.h"
 #include "core/io/export.h"
+#include "core/io/export_file.h"
 #include "core/marching_cubes.h"
 #include "core/measures.h"
 #include "core/render/render.h"
@@ -52,6 +53,19 @@ std::string exported(Store& store, const Resource& resource, std::uint32_t level
     case api::SphereFormat::vtp: break;
   }
   return spheres_to_vtp(spheres, listed.columns);
+}
+
+// A file for one other program.
+std::string file(Store& store, const Resource& resource, std::uint32_t level, const SphereModel& model,
+                 const api::FileRequest& wanted, const Context& context) {
+  const std::optional<api::ModelRequest> source = api::model_from(store.root_of(resource).document).source;
+  std::optional<Grid> scan;
+  if (source) scan = api::volume_from(store.find_volume(source->volume).document).grid;
+  std::optional<UnionMeasures> whole;
+  if (needs_union(wanted.format)) whole.emplace(store.union_of(resource, level, model, context));
+  return spheres_to_file(
+      wanted.format, {.spheres = model.spheres, .scan = scan ? &*scan : nullptr, .whole = whole ? &*whole : nullptr},
+      wanted.options, context);
 }
 
 std::string checks(Store& store, const Resource& resource, const SphereModel& model, JobContext& job) {
@@ -178,6 +192,9 @@ Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
     bytes = exported(store, resource, request.level, *model, *wanted, context);
   }
   if (const auto* wanted = std::get_if<api::TreeRequest>(&request.what)) bytes = tree(store, resource, *wanted);
+  if (const auto* wanted = std::get_if<api::FileRequest>(&request.what)) {
+    bytes = file(store, resource, request.level, *model, *wanted, context);
+  }
   std::vector<std::string> inputs{request.model};
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
     inputs.push_back(render->with);

@@ -85,8 +85,8 @@ JobInfo job_info(const JobStatus& status) {
 }
 
 std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 7> kinds = {"measures",      "checks", "render", "export",
-                                                "contributions", "slice",  "tree"};
+  constexpr std::array<const char*, 8> kinds = {"measures",      "checks", "render", "export",
+                                                "contributions", "slice",  "tree",   "export"};
   return kinds[request.what.index()];
 }
 
@@ -437,6 +437,11 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Second
         level_of(model, request.level, tree != nullptr || (listed != nullptr && listed->listing.needs_levels()));
     if (tree != nullptr && !tree->levels.empty()) static_cast<void>(level_of(model, tree->levels.back(), true));
     memory = memory_to_derive(model);
+    if (const auto* file = std::get_if<api::FileRequest>(&request.what)) {
+      const ModelInfo root = api::model_from(s.root_of(s.find_model(request.model)).document);
+      const std::uint64_t spheres = request.level > 0 ? request.level : model.spheres;
+      check_exportable(file->format, spheres, root.source.has_value(), file->options);
+    }
   }
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
     static_cast<void>(s.find_model(render->with));

@@ -10,14 +10,6 @@ namespace spherule::server {
 
 namespace {
 
-// The model that a chain of simplifications began with.
-Resource root_of(Store& store, Resource model) {
-  while (const auto simplification = api::model_from(model.document).simplification) {
-    model = store.find_model(simplification->request.model);
-  }
-  return model;
-}
-
 SampledObject object_of(Store& store, const Resource& root, const SphereModel& model, const Context& context) {
   const std::optional<api::ModelRequest> source = api::model_from(root.document).source;
   if (!source) return sample_union(model.spheres, std::size_t{1} << 22, context);
@@ -31,7 +23,7 @@ SampledObject object_of(Store& store, const Resource& root, const SphereModel& m
 
 Resource run_simplification(Store& store, const JobRecord& record, JobContext& job) {
   const api::SimplificationRequest request = api::simplification_request_from(record.request);
-  const Resource source = store.find_model(request.model), root = root_of(store, source);
+  const Resource source = store.find_model(request.model), root = store.root_of(source);
   Stopwatch watch;
   job.context(0, 0.1).report("load", 0);
   const auto model = store.load(source, job.context(0, 0.05)), first = store.load(root, job.context(0.05, 0.1));

@@ -18,7 +18,7 @@ void not_found(const char* what) {
   throw Error(ErrorCode::not_found, std::string("There is no such ") + what + "; it was deleted or never made.");
 }
 
-api::Content content_of(std::shared_ptr<const Blob> blob) {
+api::Content content_of(const std::shared_ptr<const Blob>& blob) {
   return {.bytes = blob->size(),
           .sha256 = blob->sha256(),
           .read_at = [blob](std::uint64_t offset, std::span<char> out) { return blob->read_at(offset, out); },
@@ -78,6 +78,13 @@ Resource Store::find(const std::string& id, const char* collection, const char* 
   auto resource = find_any(id);
   if (!resource || resource->collection != collection) not_found(what);
   return std::move(*resource);
+}
+
+Resource Store::root_of(Resource model) {
+  while (const auto simplification = api::model_from(model.document).simplification) {
+    model = find_model(simplification->request.model);
+  }
+  return model;
 }
 
 Volume Store::read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,

@@ -40,7 +40,7 @@ std::string algorithm_version_text();
 [[noreturn]] void not_found(const char* what);
 
 /// Stored bytes as the interface hands them out.
-api::Content content_of(std::shared_ptr<const Blob> blob);
+api::Content content_of(const std::shared_ptr<const Blob>& blob);
 
 /// Seconds of each stage, by name.
 class Stopwatch {
@@ -87,6 +87,8 @@ struct Store {
   Resource find(const std::string& id, const char* collection, const char* what);
   Resource find_volume(const std::string& id) { return find(id, volumes_collection, "volume"); }
   Resource find_model(const std::string& id) { return find(id, models_collection, "model"); }
+  /// The model that a chain of simplifications began with: `model` itself when it is none.
+  Resource root_of(Resource model);
 
   /// Deletes the resource, all that was made from it, and their blobs. Throws not_found.
   void remove(const std::string& id);

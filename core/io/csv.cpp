@@ -3,6 +3,7 @@
 #include <charconv>
 #include <optional>
 
+#include "core/io/decimal.h"
 #include "core/io/export.h"
 #include "core/io/import_check.h"
 
@@ -87,10 +88,7 @@ std::string spheres_to_csv(std::span<const Sphere> spheres, std::span<const Sphe
   for (const SphereColumn& column : columns) out += ',' + column.name;
   out += '\n';
   out.reserve(out.size() + (80 + 20 * columns.size()) * spheres.size());
-  std::array<char, 32> digits;  // the longest shortest form of a double has 24 characters
-  const auto append = [&](double value) {
-    out.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
-  };
+  const auto append = [&](double value) { detail::append_decimal(out, value); };
   for (std::size_t i = 0; i < spheres.size(); ++i) {
     const Sphere& s = spheres[i];
     append(s.centre.x);

@@ -42,17 +42,17 @@ double decoded(double c) { return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055
 }  // namespace
 
 std::uint8_t to_srgb(double linear) {
-  // least[i] is where linear light begins to be i; guess[k] is the encoding of k / kSteps.
-  constexpr std::size_t kSteps = 4096;
+  // least[i] is where linear light begins to be i; guess[k] is the encoding of k / kCodes.
+  constexpr std::size_t kCodes = 4096;
   struct Table {
     std::array<double, 257> least{};
-    std::array<std::uint8_t, kSteps + 1> guess{};
+    std::array<std::uint8_t, kCodes + 1> guess{};
     Table() {
       for (std::size_t i = 1; i < 256; ++i) least[i] = decoded((static_cast<double>(i) - 0.5) / 255);
       least[256] = 2;
-      for (std::size_t k = 1; k <= kSteps; ++k) {
+      for (std::size_t k = 1; k <= kCodes; ++k) {
         guess[k] = guess[k - 1];
-        while (static_cast<double>(k) / kSteps >= least[guess[k] + 1U]) ++guess[k];
+        while (static_cast<double>(k) / kCodes >= least[guess[k] + 1U]) ++guess[k];
       }
     }
   };

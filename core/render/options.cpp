@@ -3,19 +3,13 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
-#include <cmath>
-#include <optional>
 
-#include "core/base/error.h"
+#include "core/base/option_values.h"
 
 namespace spherule {
 namespace {
 
-[[noreturn]] void refuse(std::string_view name, const std::string& detail) {
-  throw Error(ErrorCode::invalid_argument, "Correct the option " + std::string(name) + ": " + detail,
-              {{std::string(name), detail}});
-}
+[[noreturn]] void refuse(std::string_view name, const std::string& detail) { detail::refuse_option(name, detail); }
 
 std::vector<std::string_view> split(std::string_view text, char separator = ',') {
   std::vector<std::string_view> parts;
@@ -27,22 +21,11 @@ std::vector<std::string_view> split(std::string_view text, char separator = ',')
   }
 }
 
-template <typename T>
-std::optional<T> number_in(std::string_view text) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (text.empty() || error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  if constexpr (std::is_floating_point_v<T>) {
-    if (!std::isfinite(value)) return std::nullopt;
-  }
-  return value;
-}
+using detail::number_in;
 
 template <typename T>
 std::string text_of(T value) {
-  std::array<char, 32> text;
-  if constexpr (std::is_floating_point_v<T>) value += 0.0;  // -0 is 0
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
+  return detail::text_of_number(value);
 }
 std::string text_of(Vec3 v) { return text_of(v.x) + ',' + text_of(v.y) + ',' + text_of(v.z); }
 

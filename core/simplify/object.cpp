@@ -163,13 +163,15 @@ SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples, c
   // A set in a plane or a line still gets a few samples across.
   for (int a = 0; a < 3; ++a) size[a] = std::max(size[a], 1e-3 * longest);
   const double step = std::cbrt(size.x * size.y * size.z / static_cast<double>(samples));
-  SampledObject object;
-  object.grid.spacing = {step, step, step};
-  object.grid.origin = box.min - Vec3{step / 2, step / 2, step / 2};
-  for (int a = 0; a < 3; ++a)
-    object.grid.dims[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(size[a] / step) + 2;
-  object.inside = detail::held_samples(in_grid(balls, object.grid), object.grid.spacing, whole(object.grid), context);
-  return object;
+  Grid grid;
+  grid.spacing = {step, step, step};
+  grid.origin = box.min - Vec3{step / 2, step / 2, step / 2};
+  for (int a = 0; a < 3; ++a) grid.dims[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(size[a] / step) + 2;
+  return sample_union(balls, grid, context);
+}
+
+SampledObject sample_union(std::span<const Sphere> balls, const Grid& grid, const Context& context) {
+  return {.grid = grid, .inside = detail::held_samples(in_grid(balls, grid), grid.spacing, whole(grid), context)};
 }
 
 SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps) {

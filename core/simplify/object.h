@@ -29,6 +29,8 @@ struct SampledObject {
 /// least one ball.
 SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples = std::size_t{1} << 22,
                            const Context& context = {});
+/// The same on a given grid: its samples that some ball holds. A sample on a sphere is in the ball, to rounding.
+SampledObject sample_union(std::span<const Sphere> balls, const Grid& grid, const Context& context = {});
 
 /// Every steps[a]-th sample along each axis a, from the first. O(samples).
 SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps);

@@ -66,6 +66,10 @@ TEST(Records, OfRequestsReadBack) {
            {kModel, TreeRequest{{1, 8}}},
            {kModel, RenderRequest{.options = {.views = {View::left}}}, 5},
            {kModel, ContributionsRequest{}},
+           {kModel, FileRequest{}},
+           {kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}},
+           {kModel, FileRequest{FileFormat::glb, {.glb = {.style = GlbOptions::Style::mesh}}}},
+           {kModel, FileRequest{FileFormat::nifti, {.voxel_mm = 0.5}}},
            {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
            {{},
             SliceRequest{.volume = kVolume,
@@ -98,6 +102,16 @@ TEST(Records, OfSimplificationsReadBack) {
   const DerivedRequest level{kModel,
                              ExportRequest{.format = SphereFormat::csv, .listing = {.rows = SphereRows::members}}, 4};
   EXPECT_EQ(path_of(derived_from(record_of(level))), "/v1/models/" + kModel + "/exports/csv?rows=members&level=4");
+}
+
+TEST(Records, OfFilesDependOnWhatChangesTheFile) {
+  const DerivedRequest plain{kModel, FileRequest{FileFormat::urdf, {}}};
+  const DerivedRequest heavy{kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}};
+  const DerivedRequest same{kModel, FileRequest{FileFormat::urdf, {.voxel_mm = 3}}};
+  EXPECT_EQ(path_of(heavy), "/v1/models/" + kModel + "/exports/urdf?density=2500&link=femur");
+  EXPECT_NE(identity_of(plain, "1"), identity_of(heavy, "1"));
+  EXPECT_EQ(identity_of(plain, "1"), identity_of(same, "1"));
+  EXPECT_NE(identity_of(plain, "1"), identity_of({kModel, FileRequest{FileFormat::srdf, {}}}, "1"));
 }
 
 TEST(Records, ThatAreDamagedAreCorrupt) {

@@ -518,6 +518,42 @@ TEST_F(Routes, ListLevelsAndMembers) {
   }
 }
 
+TEST_F(Routes, GiveFilesForOtherPrograms) {
+  const std::string path = "/v1/models/" + kModel + "/exports/";
+  for (std::size_t i = 0; i < file_format_count; ++i) {
+    const FileFormatInfo& about = info(static_cast<FileFormat>(i));
+    const std::string format(about.name);
+    const Response response = ask("GET", path + format);
+    EXPECT_EQ(response.status, 200) << format;
+    EXPECT_EQ(response.header("Content-Type"), about.media_type);
+    EXPECT_EQ(response.header("Spherule-Unit"), about.unit);
+    EXPECT_EQ(response.header("Spherule-Frame"), about.frame);
+    EXPECT_EQ(response.header("Content-Disposition"),
+              "attachment; filename=\"" + kModel + "." + std::string(about.extension) + "\"");
+    EXPECT_EQ(std::get<api::FileRequest>(service.derived->what).format, static_cast<FileFormat>(i));
+    EXPECT_EQ(pointers(ask("GET", path + format + "?columns=rank")), "columns ") << "for tables only";
+    EXPECT_EQ(body_of(ask("GET", "/v1/models/" + kModel))["links"]["exports"][format], path + format);
+  }
+  ask("GET", path + "lammps?level=16&density=3");
+  EXPECT_EQ(service.derived->level, 16U);
+  ask("GET", path + "urdf?density=2500&link=femur&origin=centre");
+  const auto wanted = std::get<api::FileRequest>(service.derived->what).options;
+  EXPECT_EQ(wanted.density_kg_m3, 2500);
+  EXPECT_EQ(wanted.link, "femur");
+  EXPECT_EQ(wanted.origin, BodyOrigin::centre);
+  for (const auto& [target, pointer] :
+       {std::pair{"urdf?density=0", "density "}, std::pair{"urdf?link=2", "link "},
+        std::pair{"urdf?style=mesh&voxel_mm=1", "style voxel_mm "}, std::pair{"lammps?origin=here", "origin "},
+        std::pair{"glb?detail=9", "detail "}, std::pair{"vdb?voxel_mm=-1", "voxel_mm "},
+        std::pair{"csv?density=1", "density "}}) {
+    const Response response = ask("GET", path + target);
+    EXPECT_EQ(response.status, 400) << target;
+    EXPECT_EQ(pointers(response), pointer);
+  }
+  const Json problem = body_of(ask("GET", path + "stl"));
+  EXPECT_NE(problem["detail"].get<std::string>().find("csv, npy, ply, vtp, urdf"), std::string::npos);
+}
+
 TEST_F(Routes, ListAsManyComponentsAsAsked) {
   const std::string path = "/v1/models/" + kModel + "/measures";
   for (const auto& [query, expected] :

@@ -282,6 +282,43 @@ TEST_F(Service, ServesSpheresInEveryFormat) {
   EXPECT_EQ(client().get(path + "/exports/npy", {.headers = {{"Range", "bytes=1-5"}}}).body, "NUMPY");
 }
 
+TEST_F(Service, WritesFilesForOtherPrograms) {
+  // Two balls that share half a diameter: the lens between counts once.
+  const Answer created = client().post("/v1/models", {.body = "x,y,z,r\n0,0,0,10\n10,0,0,10\n", .type = "text/csv"});
+  const std::string path = "/v1/models/" + created.json()["id"].get<std::string>() + "/exports/";
+  const double exact = 2 * 4 * std::numbers::pi / 3 * 1000 - 5 * std::numbers::pi / 12 * 1000;
+  const Answer urdf = client().get(path + "urdf?density=2000&origin=centre");
+  ASSERT_EQ(urdf.status, 200) << urdf.body;
+  EXPECT_EQ(urdf.header("Spherule-Unit"), "m");
+  const std::size_t at = urdf.body.find("<mass value=\"");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_NEAR(std::stod(urdf.body.substr(at + 13)), 2000 * exact * 1e-9, 1e-12);
+  EXPECT_NE(urdf.body.find("xyz=\"-0.005 "), std::string::npos) << "from the centre";
+  for (const char* format : {"srdf", "xrdf", "curobo", "liggghts", "lammps", "yade", "xyz", "pqr", "glb", "vdb"}) {
+    const Answer file = client().get(path + format);
+    EXPECT_EQ(file.status, 200) << format << file.body;
+    EXPECT_FALSE(file.body.empty());
+  }
+  EXPECT_EQ(client().get(path + "nifti").status, 422) << "no scan, no grid";
+  const std::string mask = client().get(path + "nifti?voxel_mm=1").body;
+  const Json read = client().get("/v1/volumes/" + client().upload("", mask)).json();
+  EXPECT_EQ(read["dtype"], "uint8") << "what we write, we read";
+  EXPECT_EQ(read["spacing_mm"], Json({1.0, 1.0, 1.0}));
+
+  // A scan's mask is on its grid, and of its raw model the object itself.
+  const Json scan = client().get("/v1/volumes/" + volume()).json();
+  const std::string own = client().get("/v1/models/" + model() + "/exports/nifti").body;
+  const Json back = client().get("/v1/volumes/" + client().upload("", own)).json();
+  EXPECT_EQ(back["dims"], scan["dims"]);
+  EXPECT_EQ(back["origin_mm"], scan["origin_mm"]);
+  const Json mask_model = client().model({{"volume", back["id"]}, {"threshold", 0.5}});
+  const auto voxels = [](const std::string& id) {
+    return client().get("/v1/models/" + id + "/measures").json()["voxels"];
+  };
+  EXPECT_TRUE(voxels(model()).is_object());
+  EXPECT_EQ(voxels(mask_model["id"]), voxels(model()));
+}
+
 TEST_F(Service, RanksSpheresByWhatTheyContribute) {
   const Answer created = client().post(
       "/v1/models", {.body = "x,y,z,r\n0,0,0,1\n10,0,0,2\n10,0,0,0.5\n20,0,0,1\n21,0,0,1\n", .type = "text/csv"});

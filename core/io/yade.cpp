@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The format: YADE documentation, yade.ymport.textClumps and yade.export.textClumps. A line may not be empty.
+#include "core/io/rigid_body.h"
+
+namespace spherule {
+
+std::string body_to_yade(const RigidBody& body) {
+  std::vector<std::string> lines = detail::about_body(body);
+  lines.push_back("inertia xx xy xz yy yz zz about it " + detail::inertia_by_rows(body) + " kg m2");
+  return "#format x_y_z_r_clumpId\n" + detail::commented(lines, "# ") + detail::sphere_lines(body, " 0");
+}
+
+}  // namespace spherule
