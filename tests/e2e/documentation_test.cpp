@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // Every command with curl that README, docs/ and the contract show, run as it stands there. Only the server's address,
-// the scan (a small one takes its place) and placeholders ("vol_…", "mdl_…") are put in.
+// the scan (a small one takes its place) and placeholders ("vol_…", "mdl_…", "reg_…") are put in.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -72,6 +72,10 @@ TEST(Documentation, ShowsCommandsThatWork) {
   const Answer made = client.post("/v1/models", {.headers = {{"Prefer", "wait=60"}},
                                                  .body = R"({"volume": ")" + volume + R"(", "threshold": 100})"});
   const std::string model(made.header("Location").substr(std::string_view("/v1/models/").size()));
+  const Answer registered = client.post(
+      "/v1/registrations",
+      {.headers = {{"Prefer", "wait=60"}}, .body = R"({"fixed": ")" + model + R"(", "moving": ")" + model + R"("})"});
+  const std::string registration(registered.header("Location").substr(std::string_view("/v1/registrations/").size()));
 
   std::size_t commands = 0;
   for (const fs::path& file : files) {
@@ -80,6 +84,7 @@ TEST(Documentation, ShowsCommandsThatWork) {
       text = replaced(text, "localhost:8080", "127.0.0.1:" + std::to_string(server.port()));
       text = replaced(text, "/usr/share/mricron/templates/", "");
       text = replaced(replaced(text, "vol_…", volume), "mdl_…", model);
+      text = replaced(text, "reg_…", registration);
       write(folder.path() / "example.sh", "set -euo pipefail\ncd '" + folder.path().string() +
                                               "'\ncurl() { command curl --fail-with-body \"$@\"; }\n" + text);
       const std::string command =

@@ -536,6 +536,9 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
   const Answer simplified = client().post("/v1/models/" + made + "/simplifications",
                                           {.headers = {{"Prefer", "wait=60"}}, .body = R"({"method": "average"})"});
   ASSERT_EQ(simplified.status, 201) << simplified.body;
+  const Ask pair{.headers = {{"Prefer", "wait=60"}},
+                 .body = Json{{"fixed", made}, {"moving", simplified.json()["id"]}}.dump()};
+  const std::string registration = client().post("/v1/registrations", pair).header("Location");
   const Ask upload{.headers = {{"Upload-Length", "4"}}};
   const std::string uploads = client().post("/v1/uploads", upload).header("Location");
   // What an operation needs to succeed; a new one that needs something fails until it stands here.
@@ -545,7 +548,8 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
       {"PATCH /v1/uploads/{upload}",
        {.headers = {{"Upload-Offset", "0"}}, .body = "abcd", .type = "application/offset+octet-stream"}},
       {"POST /v1/models", {.body = Json{{"volume", id}, {"threshold", 34}}.dump()}},
-      {"POST /v1/models/{model}/simplifications", {.body = R"({"method": "median"})"}}};
+      {"POST /v1/models/{model}/simplifications", {.body = R"({"method": "median"})"}},
+      {"POST /v1/registrations", pair}};
   // Deleting comes after all that reads, and a job that is to be cancelled must not be over.
   const std::string big = client().upload("?format=raw&dims=128,128,128&dtype=uint8", ball(128, 63));
   const Answer busy = client().post("/v1/models", {.body = Json{{"volume", big}, {"threshold", 5}}.dump()});
@@ -554,7 +558,9 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
   std::ranges::stable_partition(
       operations, [](const auto& operation) { return operation.second.starts_with("/v1/jobs/{job}/cancel"); });
   std::ranges::stable_sort(operations, {}, [](const auto& operation) {
-    return operation.first == "DELETE" && operation.second.starts_with("/v1/volumes");
+    const auto& [method, path] = operation;
+    if (method != "DELETE") return 0;
+    return path.starts_with("/v1/registrations") ? 1 : path.starts_with("/v1/volumes") ? 3 : 2;
   });
   for (auto [method, path] : operations) {
     const bool cancels = path.ends_with("/cancel");
@@ -564,6 +570,7 @@ TEST_F(Service, AnswersEveryOperationOfTheContract) {
     const std::string pattern = path;
     fill("{volume}", id);
     fill("{model}", path.ends_with("/tree") ? simplified.json()["id"].get<std::string>() : made);
+    fill("/v1/registrations/{registration}", registration);
     fill("/v1/uploads/{upload}", uploads);
     fill("/v1/jobs/{job}", (cancels ? busy : job).header("Location"));
     fill("{format}", "ply");
