@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "core/render/trace.h"
 
@@ -29,18 +30,12 @@ struct Source {
 // A ray's way through one field.
 struct Passage {
   double in = 0, out = 0;
+  double peak = 0;  // the field half way
   std::uint32_t source = 0;
 };
 
 // The sum's excess over 1 on a piece of a ray, by its Bernstein coefficients.
 using Quartic = std::array<double, 5>;
-
-double value(const Quartic& c, double u) {
-  Quartic d = c;
-  for (std::size_t level = 4; level > 0; --level)
-    for (std::size_t i = 0; i < level; ++i) d[i] += u * (d[i + 1] - d[i]);
-  return d[0];
-}
 
 std::pair<Quartic, Quartic> halves(const Quartic& c) {
   Quartic left, right, d = c;
@@ -58,47 +53,61 @@ int changes_of_sign(const Quartic& c) {
   return changes;
 }
 
-// The one root of a piece that begins below 0 and ends at or above it.
+// The one root of a piece that begins below 0 and ends at or above it: Newton's steps where they stay between the
+// bounds, else half way.
 double only_root(const Quartic& c) {
-  double low = 0, high = 1, u = 0.5;
+  double low = 0, high = 1, u = c[0] / (c[0] - c[4]);
   for (int i = 0; i < 60 && high - low > 1e-14; ++i) {
-    const double v = value(c, u);
+    // By de Casteljau: the value, and the slope from the last two points.
+    Quartic d = c;
+    for (std::size_t level = 4; level > 1; --level)
+      for (std::size_t k = 0; k < level; ++k) d[k] += u * (d[k + 1] - d[k]);
+    const double step = d[1] - d[0], v = d[0] + u * step, slope = 4 * step;
     if (std::abs(v) < 1e-14) break;
     (v < 0 ? low : high) = u;
-    // Newton's step where it stays between the bounds, else half way.
-    const double h = 1e-4 * (high - low), slope = (value(c, u + h) - v) / h;
     const double next = u - v / slope;
     u = slope > 0 && next > low && next < high ? next : 0.5 * (low + high);
   }
   return u;
 }
 
-// The first place on [0, 1] where the polynomial comes from below to 0 or above. `below`: whether it has been below so
-// far; kept up to date. Negative: nowhere.
-double first_rise(const Quartic& c, bool& below, int depth = 0) {
+// A piece that holds one rise from below to 0 or above.
+struct Rise {
+  Quartic piece;
+  double from = 0, width = 1;  // of the whole that it was halved from
+  double place() const { return piece[0] >= 0 ? from : from + width * only_root(piece); }
+};
+
+// The first rise of a piece. `below`: whether the sum has been below so far; kept up to date.
+std::optional<Rise> first_rise(const Rise& on, bool& below, int depth = 0) {
   constexpr int kMostHalvings = 40;
+  const Quartic& c = on.piece;
   const auto [least, most] = std::ranges::minmax(c);
   if (!below) {
-    if (least >= 0) return -1;
+    if (least >= 0) return std::nullopt;
     if (c[0] < 0) below = true;
   }
   if (below) {
-    if (most < 0) return -1;
-    if (c[0] >= 0) return 0;
-    if (c[4] >= 0 && changes_of_sign(c) == 1) return only_root(c);
+    if (most < 0) return std::nullopt;
+    if (c[0] >= 0 || (c[4] >= 0 && changes_of_sign(c) == 1)) return on;
   }
   if (depth == kMostHalvings) {
     below = c[4] < 0;
-    return -1;
+    return std::nullopt;
   }
   const auto [left, right] = halves(c);
-  if (const double u = first_rise(left, below, depth + 1); u >= 0) return 0.5 * u;
-  const double u = first_rise(right, below, depth + 1);
-  return u >= 0 ? 0.5 + 0.5 * u : -1;
+  const double width = 0.5 * on.width;
+  if (const auto rise = first_rise({left, on.from, width}, below, depth + 1)) return rise;
+  return first_rise({right, on.from + width, width}, below, depth + 1);
 }
 
 struct Passages : Lanes {
   std::array<std::vector<Passage>, most> of;
+  std::vector<Passage> active;  // at one place of one ray
+  std::size_t begin(std::span<const Ray> rays) {
+    for (auto& list : of) list.clear();
+    return load(rays);
+  }
 };
 
 class Blobs final : public Tracer, private Primitives {
@@ -117,18 +126,28 @@ class Blobs final : public Tracer, private Primitives {
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override {
     Passages passages;
     for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
-      const std::size_t count = collect(rays.subspan(begin), true, passages);
-      for (std::size_t i = 0; i < count; ++i) hits[begin + i] = first_rise_along(rays[begin + i].far, i, passages);
+      const std::size_t count = passages.begin(rays.subspan(begin));
+      hierarchy_->nearest(passages, count, true);
+      for (std::size_t i = 0; i < count; ++i) {
+        if (const auto entry = first_entry(i, passages)) {
+          const double distance = entry->from + entry->rise.place() * entry->length;
+          hits[begin + i] = {distance, strongest(passages.active, distance)};
+        } else {
+          // Nothing, or a ball's entry: rounding may hide the rise just before it.
+          hits[begin + i] = {passages.far[i], passages.primitive[i]};
+        }
+      }
     }
   }
 
+  // Whether there is a rise is seen from signs; where it is does not matter.
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
     Passages passages;
     for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
-      const std::size_t count = collect(rays.subspan(begin), alike, passages);
+      const std::size_t count = passages.begin(rays.subspan(begin));
+      hierarchy_->any(passages, count, alike);
       for (std::size_t i = 0; i < count; ++i)
-        blocked[begin + i] = passages.primitive[i] != no_primitive ||
-                             first_rise_along(rays[begin + i].far, i, passages).primitive != no_primitive;
+        blocked[begin + i] = passages.primitive[i] != no_primitive || first_entry(i, passages).has_value();
     }
   }
 
@@ -201,9 +220,9 @@ class Blobs final : public Tracer, private Primitives {
       const Vec3 v = s.centre - Vec3{lanes.ox[k], lanes.oy[k], lanes.oz[k]};
       const double along = dot(v, direction), off = squared_norm(v - along * direction);
       if (!(s.squared_reach > off)) continue;
-      const double half = std::sqrt(s.squared_reach - off);
+      const double squared_half = s.squared_reach - off, half = std::sqrt(squared_half);
       if (along + half <= 0 || along - half > lanes.far[k]) continue;
-      passages.of[k].push_back({along - half, along + half, index});
+      passages.of[k].push_back({along - half, along + half, s.strength * squared_half * squared_half, index});
       if (!(s.squared_ball > off)) continue;
       const double entry = along - std::sqrt(s.squared_ball - off);
       if (entry < 0 || entry > lanes.far[k] || (entry == lanes.far[k] && index >= lanes.primitive[k])) continue;
@@ -212,19 +231,12 @@ class Blobs final : public Tracer, private Primitives {
     }
   }
 
-  std::size_t collect(std::span<const Ray> rays, bool alike, Passages& passages) const {
-    for (auto& list : passages.of) list.clear();
-    const std::size_t count = passages.load(rays);
-    hierarchy_->nearest(passages, count, alike);
-    return count;
-  }
-
   // Calls f(source, field) for every field at a point, in the sources' order.
   template <typename F>
   void visit(Vec3 point, F f) const {
     Passages passages;
     const Ray ray{point, {0, 0, 1}, lift_};
-    collect(std::span(&ray, 1), false, passages);
+    hierarchy_->nearest(passages, passages.begin(std::span(&ray, 1)), false);
     auto& list = passages.of[0];
     std::ranges::sort(list, {}, &Passage::source);
     list.erase(std::ranges::unique(list, {}, &Passage::source).begin(), list.end());
@@ -258,16 +270,25 @@ class Blobs final : public Tracer, private Primitives {
     return sum;
   }
 
-  Hit first_rise_along(double far, std::size_t lane, Passages& passages) const {
+  // Where a ray first comes from outside to inside, and the part of the ray that it is in.
+  struct Entry {
+    Rise rise;
+    double from = 0, length = 0;
+  };
+
+  // Of one lane, up to its `far`; leaves the fields that act there in passages.active.
+  std::optional<Entry> first_entry(std::size_t lane, Passages& passages) const {
     auto& list = passages.of[lane];
     const double end = passages.far[lane];
     std::erase_if(list, [&](const Passage& p) { return p.in > end; });
+    if (peaks(list) < 1) return std::nullopt;
     std::ranges::sort(
         list, [](const Passage& a, const Passage& b) { return a.in != b.in ? a.in < b.in : a.source < b.source; });
     // Embree may show a packet a box twice.
     const auto same = [](const Passage& a, const Passage& b) { return a.source == b.source; };
     list.erase(std::unique(list.begin(), list.end(), same), list.end());
-    std::vector<Passage> active;
+    auto& active = passages.active;
+    active.clear();
     bool below = true, started = false;
     double from = 0;
     for (std::size_t next = 0; next < list.size() || !active.empty();) {
@@ -277,22 +298,28 @@ class Blobs final : public Tracer, private Primitives {
       for (const Passage& p : active) to = std::min(to, p.out);
       to = std::min(to, end);
       if (to > from) {
-        const Quartic c = excess(active, from, to);
-        // A ray may start inside; it has not entered then.
-        if (!started) below = c[0] < 0;
-        started = true;
-        if (const double u = first_rise(c, below); u >= 0) {
-          const double distance = from + u * (to - from);
-          return {distance, strongest(active, distance)};
+        if (peaks(active) < 1) {
+          below = true;
+        } else {
+          const Rise whole{excess(active, from, to)};
+          // A ray may start inside; it has not entered then.
+          if (!started) below = whole.piece[0] < 0;
+          if (const auto rise = first_rise(whole, below)) return Entry{*rise, from, to - from};
         }
+        started = true;
       }
       if (!(to < end)) break;
       from = to;
       std::erase_if(active, [&](const Passage& p) { return p.out <= from; });
     }
-    // Rounding may hide the rise just before a ball.
-    if (passages.primitive[lane] != no_primitive) return {end, passages.primitive[lane]};
-    return {far, no_primitive};
+    return std::nullopt;
+  }
+
+  // No less than the sum of these fields anywhere on the ray.
+  static double peaks(std::span<const Passage> passages) {
+    double sum = 0;
+    for (const Passage& p : passages) sum += p.peak;
+    return sum;
   }
 
   std::uint32_t strongest(std::span<const Passage> active, double distance) const {

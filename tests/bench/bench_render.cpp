@@ -180,14 +180,18 @@ Peer tachyon(const SphereModel& model, const Shot& shot, const std::filesystem::
   const Camera& c = shot.camera;
   const auto scene = folder / "scene.dat", picture = folder / "tachyon.ppm";
   std::ofstream out(scene);
-  // Orthographic: 1 / ZOOM is the height of what is seen.
+  // In the camera's own axes, right, up and forward: Tachyon's are left-handed, as these three are; the patient's are
+  // not, and would come out mirrored. Orthographic: 1 / ZOOM is the height of what is seen. Tachyon looks through the
+  // upper right corner of each pixel, we through its middle.
+  const auto in_view = [&](Vec3 v) { return Vec3{dot(c.right, v), dot(c.up, v), dot(c.forward, v)}; };
   out << "BEGIN_SCENE\nRESOLUTION " << shot.width << ' ' << shot.height << "\nCAMERA\nPROJECTION ORTHOGRAPHIC\nZOOM "
       << 1 / (c.mm_per_pixel * shot.height) << "\nASPECTRATIO 1\nANTIALIASING 0\nRAYDEPTH 1\nCENTER "
-      << text(c.centre - c.distance * c.forward) << "\nVIEWDIR " << text(c.forward) << "\nUPDIR " << text(c.up)
-      << "\nEND_CAMERA\nDIRECTIONAL_LIGHT DIRECTION " << text(light_direction(c)) << " COLOR 1 1 1\nBACKGROUND 0 0 0\n"
+      << text(in_view(c.centre - c.distance * c.forward - 0.5 * c.mm_per_pixel * (c.right + c.up)))
+      << "\nVIEWDIR 0 0 1\nUPDIR 0 1 0\nEND_CAMERA\nDIRECTIONAL_LIGHT DIRECTION " << text(in_view(light_direction(c)))
+      << " COLOR 1 1 1\nBACKGROUND 0 0 0\n"
       << "TEXDEF m AMBIENT 0.2 DIFFUSE 0.8 SPECULAR 0 OPACITY 1 COLOR 0.9 0.7 0.5 TEXFUNC 0\n";
   for (const Sphere& s : model.spheres)
-    if (s.radius > 0) out << "SPHERE CENTER " << text(s.centre) << " RAD " << s.radius << " m\n";
+    if (s.radius > 0) out << "SPHERE CENTER " << text(in_view(s.centre)) << " RAD " << s.radius << " m\n";
   out << "END_SCENE\n";
   out.close();
   const std::string log =
