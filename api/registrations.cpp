@@ -76,10 +76,7 @@ Response delete_registration(const Call& call) {
 
 Response get_registration_render(const Call& call) {
   const BeforeAfterRequest picture = before_after_request(call.request);
-  const std::uint64_t most = call.service.limits().image_pixels;
-  if (2 * pixels_of(picture.options, 2) > most) {
-    throw Error(ErrorCode::too_large, "Ask for pictures of at most " + std::to_string(most) + " pixels in all.");
-  }
+  check_pixels(call, 2 * pixels_of(picture.options, 2));
   return answered(call, {.registration = call.id(), .what = picture}, "image/png", {});
 }
 

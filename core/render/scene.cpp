@@ -57,6 +57,15 @@ Vec3 on_unit_sphere(Square s) {
   return {radius * std::cos(angle), radius * std::sin(angle), z};
 }
 
+// Mean over the lamp of the cosine with the normal, where that is positive, from the one at the lamp's centre: the
+// height of points of a sphere over a plane is uniform (Archimedes). Shaded with each ray's own cosine, smooth bodies
+// would show the pattern of the rays.
+double mean_cosine(double centre) {
+  if (centre >= kKeyRadius) return centre;
+  if (centre <= -kKeyRadius) return 0;
+  return (centre + kKeyRadius) * (centre + kKeyRadius) / (4 * kKeyRadius);
+}
+
 // Proportional to the cosine with the normal: a point of the sphere that rests on the surface.
 Vec3 sky_direction(Vec3 normal, Square s) {
   const Vec3 d = normal + on_unit_sphere(s);
@@ -226,10 +235,13 @@ class Tile {
         light[i] = std::max(0.0, dot(sight->place.normal, lamp_)) * kKey;
         continue;
       }
-      const Vec3 towards = normalised(lamp_ + kKeyRadius * on_unit_sphere(quasi_random(x, y, index, 1)));
-      const double cosine = dot(sight->place.normal, towards);
+      const double cosine = mean_cosine(dot(sight->place.normal, lamp_));
       if (cosine <= 0) continue;
       light[i] = cosine * kKey;
+      Vec3 towards = normalised(lamp_ + kKeyRadius * on_unit_sphere(quasi_random(x, y, index, 1)));
+      // Only the part of the lamp that the place faces can be hidden by others.
+      const double height = dot(sight->place.normal, towards);
+      if (height < 0) towards = towards - 2 * height * sight->place.normal;
       rays.push_back(from(sight->place, towards));
       of.push_back(i);
     }

@@ -141,6 +141,7 @@ TEST_F(Registrations, SayAllOfIt) {
 }
 
 TEST_F(Registrations, PicturesAndResampledVolumesAreDerived) {
+  service.image_pixels = 2'000'000;
   EXPECT_EQ(ask("GET", kPath + "/render?of=spheres").header("Content-Type"), "image/png");
   ASSERT_TRUE(service.derived_from_registration);
   const auto through = [&] {

@@ -39,6 +39,7 @@ class StubService final : public api::Service {
   std::optional<api::ModelRequest> made;
   std::optional<api::SimplificationRequest> simplified;
   std::optional<api::DerivedRequest> derived;
+  std::uint64_t image_pixels = 1'000'000;
   std::optional<api::RegistrationRequest> registered;
   std::optional<api::RegistrationAnswerRequest> derived_from_registration;
   std::optional<api::SphereFormat> imported;
@@ -161,7 +162,7 @@ class StubService final : public api::Service {
 
   api::About about() const override { return {"0.1.0", "1"}; }
   api::Limits limits() const override {
-    return {.upload_bytes = 1000, .image_pixels = 1'000'000, .longest_wait = std::chrono::seconds(60)};
+    return {.upload_bytes = 1000, .image_pixels = image_pixels, .longest_wait = std::chrono::seconds(60)};
   }
   api::Readiness readiness() const override {
     return failure ? api::Readiness{false, "The disk is full."} : api::Readiness{true, {}};
