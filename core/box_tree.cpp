@@ -22,21 +22,26 @@ std::uint64_t spread(std::uint64_t v) {
 
 using Column = std::array<double, 8>;
 
-// Bit c: column c's box overlaps. Boxes overlap when none is beyond the other along any axis, by differences whose
-// signs are exact.
+// Of each node, given by the columns of its children's boxes, low ends by axis and then high ones: bit c when child c's
+// box overlaps. Boxes overlap when none is beyond the other along any axis, by differences whose signs are exact.
 SPHERULE_VECTORS
-unsigned overlapping(const Column* low, const Column* high, const Box& box) {
+void overlapping(const Column* columns, const std::uint32_t* nodes, std::size_t count, const Box& box,
+                 std::uint8_t* found) {
   const auto larger = [](double a, double b) { return a > b ? a : b; };
-  std::array<double, 8> gaps;
-  for (std::size_t c = 0; c < gaps.size(); ++c) {
-    const double x = larger(low[0][c] - box.max.x, box.min.x - high[0][c]);
-    const double y = larger(low[1][c] - box.max.y, box.min.y - high[1][c]);
-    const double z = larger(low[2][c] - box.max.z, box.min.z - high[2][c]);
-    gaps[c] = larger(larger(x, y), z);
+  for (std::size_t n = 0; n < count; ++n) {
+    const Column* low = columns + std::size_t{nodes[n]} * 6;
+    const Column* high = low + 3;
+    std::array<double, 8> gaps;
+    for (std::size_t c = 0; c < gaps.size(); ++c) {
+      const double x = larger(low[0][c] - box.max.x, box.min.x - high[0][c]);
+      const double y = larger(low[1][c] - box.max.y, box.min.y - high[1][c]);
+      const double z = larger(low[2][c] - box.max.z, box.min.z - high[2][c]);
+      gaps[c] = larger(larger(x, y), z);
+    }
+    std::uint64_t bits = 0;
+    for (std::size_t c = 0; c < gaps.size(); ++c) bits |= gaps[c] <= 0 ? std::uint64_t{1} << c : 0;
+    found[n] = static_cast<std::uint8_t>(bits);
   }
-  std::uint64_t found = 0;
-  for (std::size_t c = 0; c < gaps.size(); ++c) found |= gaps[c] <= 0 ? std::uint64_t{1} << c : 0;
-  return static_cast<unsigned>(found);
 }
 
 }  // namespace
@@ -63,7 +68,25 @@ Box BoxTree::Node::bounds() const {
 }
 
 unsigned BoxTree::overlaps(const Node& node, const Box& box) {
-  return overlapping(node.min.data(), node.max.data(), box);
+  std::uint8_t found = 0;
+  constexpr std::uint32_t kFirst = 0;
+  overlapping(node.min.data(), &kFirst, 1, box, &found);
+  return found;
+}
+
+void BoxTree::overlaps(std::span<const std::uint32_t> leaves, const Box& box, std::uint8_t* found) const {
+  overlapping(levels_[0][0].min.data(), leaves.data(), leaves.size(), box, found);
+}
+
+void BoxTree::find_leaves(const Box& box, std::vector<std::uint32_t>& leaves) const {
+  leaves.clear();
+  if (!levels_.empty()) find_leaves(levels_.size() - 1, 0, box, leaves);
+}
+
+void BoxTree::find_leaves(std::size_t level, std::size_t n, const Box& box, std::vector<std::uint32_t>& leaves) const {
+  if (level == 0) return leaves.push_back(static_cast<std::uint32_t>(n));
+  for (unsigned found = overlaps(levels_[level][n], box); found != 0; found &= found - 1)
+    find_leaves(level - 1, n * kFan + static_cast<std::size_t>(std::countr_zero(found)), box, leaves);
 }
 
 template <typename BoxAt>

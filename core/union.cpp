@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -44,6 +45,26 @@ struct Rival {
   std::uint32_t number;
 };
 
+// What a ball about the origin has beyond a plane: |x| <= radius, normal · x >= offset.
+struct Cap {
+  Vec3 normal;
+  double offset;
+  double disk_squared;  // of the plane's disk, by its radius
+
+  Cap(double radius, Vec3 outwards, double where)
+      : normal(outwards), offset(where), disk_squared(std::max(0.0, (radius - where) * (radius + where))) {}
+
+  // Whether any of it has the lower power as seen from a ball `squared` away along d that overlaps this one: where
+  // d · x > half. Without a root, and yes when in doubt.
+  bool meets(double radius, Vec3 d, double squared, double half) const {
+    const double along = dot(d, normal), a = along * radius, b = offset * std::sqrt(squared);
+    if (a >= b) return true;  // the ball's farthest point along d is in the cap
+    const double beyond = half - along * offset;
+    return beyond <= 0 || beyond * beyond <= kDoubtful * (squared - along * along) * disk_squared;
+  }
+  static constexpr double kDoubtful = 1 + 0x1p-30;
+};
+
 // Many balls, each with a box around the part of it that may count and a number.
 class Crowd {
  public:
@@ -61,14 +82,26 @@ class Crowd {
   const Member& operator[](std::size_t n) const { return members_[n]; }
   std::size_t place_of(std::size_t n) const { return tree_.order()[n]; }
 
+  // Where the rivals of balls that follow each other are looked for.
+  struct Vicinity {
+    std::size_t leaf = std::numeric_limits<std::size_t>::max();
+    std::vector<std::uint32_t> leaves;
+  };
+
   // The balls that bound the cell of ball n, the planes nearest to the pivot first: when the cell is cut by these, most
   // others lie beyond what is left. False if one hides it: of balls with one centre the larger counts, of identical
   // ones that with the lower number.
-  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, std::vector<Rival>& rivals) const {
+  template <typename Matters>
+  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, Vicinity& vicinity, std::vector<Rival>& rivals,
+                   Matters&& matters) const {
+    if (vicinity.leaf != n / BoxTree::kFan) {
+      vicinity.leaf = n / BoxTree::kFan;
+      tree_.find_leaves(tree_.bounds(vicinity.leaf), vicinity.leaves);
+    }
     rivals.clear();
     const Sphere& ball = members_[n].ball;
     bool hidden = false;
-    tree_.for_each_overlap(box, [&](std::size_t o) {
+    tree_.for_each_overlap(vicinity.leaves, box, [&](std::size_t o) {
       const auto& [other, number] = members_[o];
       const Vec3 d = other.centre - ball.centre;
       const double squared = squared_norm(d), reach = ball.radius + other.radius;
@@ -78,6 +111,7 @@ class Crowd {
         hidden |= larger < 0 || (larger == 0 && number < members_[n].number);
         return;
       }
+      if (!matters(d, squared, (squared + larger) / 2)) return;
       const double inverse = 1 / std::sqrt(squared), offset = (squared + larger) * inverse / 2;
       const Vec3 normal = inverse * d;
       hidden |= offset <= -kTangent * ball.radius;
@@ -99,7 +133,9 @@ class Crowd {
 // One thread's memory.
 struct Workshop {
   BallCell cell;
+  Crowd::Vicinity vicinity;
   std::vector<Rival> rivals;
+  std::vector<Cap> caps;
 
   // False when nothing remains.
   bool cut() {
@@ -344,7 +380,18 @@ class RawUnion {
         const std::size_t place = crowd.place_of(n);
         const Box& box = all.boxes[place];
         const Vec3 pivot = all.pivots[place] - ball.centre;
-        if (!crowd.find_rivals(n, box, pivot, shop.rivals)) continue;
+        shop.caps.clear();
+        for_each_member(group, [&](std::uint32_t member) {
+          for (std::uint32_t v = 0; v < 4; ++v) {
+            if (across_[member][v] != no_cell) continue;
+            const Facet f = facet(member, v);
+            shop.caps.emplace_back(ball.radius, f.normal, f.offset_from(ball.centre));
+          }
+        });
+        const auto matters = [&](Vec3 d, double squared, double half) {
+          return std::ranges::any_of(shop.caps, [&](const Cap& cap) { return cap.meets(ball.radius, d, squared, half); });
+        };
+        if (!crowd.find_rivals(n, box, pivot, shop.vicinity, shop.rivals, matters)) continue;
         start_cell(ball, group, box, pivot, shop.cell);
         if (!shop.cut()) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
@@ -406,7 +453,7 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
     Workshop shop;
     for (std::size_t n = begin; n < end; ++n) {
       const auto& [ball, number] = crowd[n];
-      if (!crowd.find_rivals(n, box_of(ball), {}, shop.rivals)) continue;
+      if (!crowd.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals, [](Vec3, double, double) { return true; })) continue;
       shop.cell.reset(ball.radius);
       if (!shop.cut()) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
