@@ -326,6 +326,7 @@ Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Cont
 // Numbers of cells, filed under one of their corners.
 class Filed {
  public:
+  Filed() = default;
   template <typename Corner>
   Filed(std::span<const Tetrahedron> cells, std::size_t point_count, Corner&& corner)
       : start_(point_count + 1, 0), cells_(cells.size()) {
@@ -369,9 +370,14 @@ Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Co
 std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,
                                                      const Context& context) {
   // Three facets of a cell have its smallest corner, and the smallest of the fourth is the cell's second.
-  const Filed by_first(cells, point_count, [](const Tetrahedron& t) { return t[0]; });
-  context.throw_if_cancelled();
-  const Filed by_second(cells, point_count, [](const Tetrahedron& t) { return std::min({t[1], t[2], t[3]}); });
+  Filed by_first, by_second;
+  parallel_for(context, {}, 2, 1, [&](std::size_t task, std::size_t) {
+    if (task == 0) {
+      by_first = Filed(cells, point_count, [](const Tetrahedron& t) { return t[0]; });
+    } else {
+      by_second = Filed(cells, point_count, [](const Tetrahedron& t) { return std::min({t[1], t[2], t[3]}); });
+    }
+  });
   std::vector<std::array<std::uint32_t, 4>> result(cells.size(), {no_cell, no_cell, no_cell, no_cell});
   parallel_for(context, "neighbours", point_count, 1 << 12, [&](std::size_t begin, std::size_t end) {
     std::vector<Facet> facets;  // with one smallest corner
