@@ -339,29 +339,20 @@ void BallCell::replace_removed() {
   fill_lanes();
 }
 
-template <typename Visit>
-void BallCell::walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const {
+bool BallCell::surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const {
+  const std::uint32_t start = some_corner_[face];
+  const Vec3 first = position(start);
+  double widest = 0;
   std::uint32_t v = start;
-  unsigned i = number_of(face, v);
   do {
-    const std::uint32_t w = corners_[v].next[after(i)];
-    visit(v, w);
-    i = number_of(face, w);
+    const std::uint32_t w = corners_[v].next[after(number_of(face, v))];
+    const Vec3 p = position(v), edge = position(w) - p;
+    const double side = dot(faces_[face].normal, cross(p - foot, edge));
+    if (!(side >= 0) || side * side < disk_squared / 4 * squared_norm(edge)) return false;
+    widest = std::max(widest, squared_norm(p - first));
     v = w;
   } while (v != start);
-}
-
-bool BallCell::surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const {
-  double widest = 0;
-  bool around = true;
-  const Vec3 first = position(some_corner_[face]);
-  walk(face, some_corner_[face], [&](std::uint32_t from, std::uint32_t to) {
-    const Vec3 p = position(from), edge = position(to) - p;
-    widest = std::max(widest, squared_norm(p - first));
-    const double side = dot(faces_[face].normal, cross(p - foot, edge));
-    around = around && (side >= 0 && side * side >= disk_squared / 4 * squared_norm(edge));
-  });
-  return around && widest > disk_squared;
+  return widest > disk_squared;
 }
 
 BallCell::Turning BallCell::trace_edges(double radius) {

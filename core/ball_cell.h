@@ -80,7 +80,7 @@ class BallCell {
   // of the sectors are differences of what their ends contribute: so pieces may come in any order.
   class Outline {
    public:
-    Outline(Vec3 normal, double scale);  // about the inverse of the disk's radius
+    Outline(Vec3 normal, double scale);  // `scale` is about the inverse of the disk's radius
 
     Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
     // Of the polygon, counter-clockwise. An arc ends where one enters the ball and begins where one leaves it.
@@ -133,9 +133,6 @@ class BallCell {
     const Triple& faces = corners_[corner].faces;
     return faces[0] == face ? 0 : faces[1] == face ? 1 : 2;
   }
-  // Calls visit(from, to) counter-clockwise as seen from outside.
-  template <typename Visit>
-  void walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const;
   // Hands what edges have within the ball to their faces' outlines.
   Turning trace_edges(double radius);
   // Whether a face lies around the disk, given that it does or is far from it.

@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/base/parallel.h"
 #include "core/base/vectors.h"
 
 namespace spherule {
@@ -21,6 +22,8 @@ std::uint64_t spread(std::uint64_t v) {
 }
 
 using Column = std::array<double, 8>;
+
+constexpr std::size_t kGrain = 1 << 14;  // a multiple of the fan, so that no two pieces share a node
 
 // Of each node, given by the columns of its children's boxes, low ends by axis and then high ones: bit c when child c's
 // box overlaps. Boxes overlap when none is beyond the other along any axis, by differences whose signs are exact.
@@ -90,13 +93,15 @@ void BoxTree::find_leaves(std::size_t level, std::size_t n, const Box& box, std:
 }
 
 template <typename BoxAt>
-std::vector<BoxTree::Node> BoxTree::nodes(std::size_t count, const BoxAt& box_at) {
+std::vector<BoxTree::Node> BoxTree::nodes(std::size_t count, const BoxAt& box_at, const Context& context) {
   std::vector<Node> result((count + kFan - 1) / kFan);
-  for (std::size_t n = 0; n < count; ++n) result[n / kFan].set(n % kFan, box_at(n));
+  parallel_for(context, {}, count, kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t n = begin; n < end; ++n) result[n / kFan].set(n % kFan, box_at(n));
+  });
   return result;
 }
 
-BoxTree::BoxTree(std::span<const Box> boxes) {
+BoxTree::BoxTree(std::span<const Box> boxes, const Context& context) {
   if (boxes.empty()) return;
   Box all;
   for (const Box& b : boxes) {
@@ -107,20 +112,24 @@ BoxTree::BoxTree(std::span<const Box> boxes) {
   const double extent = std::max({size.x, size.y, size.z});
   const double scale = extent > 0 ? 0x1p20 / extent : 0;
   std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(boxes.size());
-  for (std::uint32_t i = 0; i < keys.size(); ++i) {
-    const Vec3 middle = scale * (0.5 * (boxes[i].min + boxes[i].max) - all.min);
-    keys[i] = {spread(static_cast<std::uint64_t>(middle.x)) | spread(static_cast<std::uint64_t>(middle.y)) << 1 |
-                   spread(static_cast<std::uint64_t>(middle.z)) << 2,
-               i};
-  }
+  parallel_for(context, {}, keys.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (auto i = static_cast<std::uint32_t>(begin); i < end; ++i) {
+      const Vec3 middle = scale * (0.5 * (boxes[i].min + boxes[i].max) - all.min);
+      keys[i] = {spread(static_cast<std::uint64_t>(middle.x)) | spread(static_cast<std::uint64_t>(middle.y)) << 1 |
+                     spread(static_cast<std::uint64_t>(middle.z)) << 2,
+                 i};
+    }
+  });
   std::sort(keys.begin(), keys.end());
 
   order_.reserve(keys.size());
   for (const auto& [key, i] : keys) order_.push_back(i);
-  levels_.push_back(nodes(order_.size(), [&](std::size_t n) { return boxes[order_[n]]; }));
+  levels_.push_back(nodes(
+      order_.size(), [&](std::size_t n) { return boxes[order_[n]]; }, context));
   while (levels_.back().size() > 1) {
     const std::vector<Node>& below = levels_.back();
-    levels_.push_back(nodes(below.size(), [&](std::size_t n) { return below[n].bounds(); }));
+    levels_.push_back(nodes(
+        below.size(), [&](std::size_t n) { return below[n].bounds(); }, context));
   }
 }
 

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "core/base/context.h"
 #include "core/base/geometry.h"
 
 namespace spherule {
@@ -23,14 +24,14 @@ constexpr bool overlap(const Box& a, const Box& b) {
 /// Immutable; safe to share between threads. Memory 60 bytes a box.
 class BoxTree {
  public:
-  /// The boxes, none of them empty, are copied. O(n log n).
-  explicit BoxTree(std::span<const Box> boxes);
+  /// The boxes, none of them empty, are copied. O(n log n). Throws cancelled.
+  explicit BoxTree(std::span<const Box> boxes, const Context& context = {});
 
   /// Indices of the boxes so that neighbours in the list are mostly neighbours in space.
   std::span<const std::uint32_t> order() const { return order_; }
 
-  /// The leaves with a box that may overlap `box`: leaf l has the boxes order()[l * kFan] to order()[l * kFan + kFan - 1].
-  /// Ascending. Boxes that follow each other share most of them.
+  /// The leaves with a box that may overlap `box`: leaf l has the boxes order()[l * kFan] to order()[l * kFan + kFan -
+  /// 1]. Ascending. Boxes that follow each other share most of them.
   void find_leaves(const Box& box, std::vector<std::uint32_t>& leaves) const;
   /// Around all boxes of a leaf.
   Box bounds(std::size_t leaf) const { return levels_[0][leaf].bounds(); }
@@ -69,7 +70,7 @@ class BoxTree {
   };
 
   template <typename BoxAt>
-  static std::vector<Node> nodes(std::size_t count, const BoxAt& box_at);
+  static std::vector<Node> nodes(std::size_t count, const BoxAt& box_at, const Context& context);
   // Bit i: child i overlaps.
   static unsigned overlaps(const Node& node, const Box& box);
   void overlaps(std::span<const std::uint32_t> leaves, const Box& box, std::uint8_t* found) const;

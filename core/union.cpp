@@ -89,10 +89,10 @@ struct Cap {
   bool meets(double radius, Vec3 d, double length, double half) const {
     const double along = dot(d, normal);
     if (along * radius >= offset * length) return true;  // the ball's farthest point along d is in the cap
-    const double beyond = half - along * offset;
-    return beyond <= 0 || beyond * beyond <= kDoubtful * (length - along) * (length + along) * disk_squared;
+    // Less far more than rounding.
+    const double beyond = half - along * offset - 0x1p-40 * radius * length;
+    return beyond <= 0 || beyond * beyond <= (length - along) * (length + along) * disk_squared;
   }
-  static constexpr double kDoubtful = 1 + 0x1p-30;
 };
 
 // Many balls, each with a box around the part of it that may count and a number.
@@ -103,7 +103,7 @@ class Crowd {
     std::uint32_t number;
   };
 
-  Crowd(std::span<const Member> members, std::span<const Box> boxes) : tree_(boxes) {
+  Crowd(std::span<const Member> members, std::span<const Box> boxes, const Context& context) : tree_(boxes, context) {
     members_.reserve(members.size());
     for (const std::uint32_t m : tree_.order()) members_.push_back(members[m]);
   }
@@ -146,8 +146,7 @@ class Crowd {
       const double inverse = 1 / distance, offset = half * inverse;
       const Vec3 normal = inverse * d;
       hidden |= offset <= -kTangent * ball.radius;
-      if (offset < kTangent * ball.radius)
-        rivals.add({normal, offset}, offset - dot(normal, pivot), number);
+      if (offset < kTangent * ball.radius) rivals.add({normal, offset}, offset - dot(normal, pivot), number);
     });
     if (hidden) return false;
     rivals.sort();
@@ -230,7 +229,7 @@ class RawUnion {
     Vec3 normal;  // of length 1
 
     double offset_from(Vec3 centre) const { return dot(normal, corners[0] - centre); }
-    };
+  };
 
   // Exact but for the normal, whose cross product is exact too: differences have 25 bits.
   Facet facet(std::uint32_t cell, std::size_t opposite) const {
@@ -274,6 +273,7 @@ class RawUnion {
   // enough; taking one for the other moves the surface by that.
   void group_cells() {
     group_.assign(cells_.size(), no_cell);
+    several_.assign(cells_.size(), false);
     std::vector<std::uint32_t> reached;
     for (std::uint32_t c = 0; c < cells_.size(); ++c) {
       if (group_[c] != no_cell || !on_boundary(c)) continue;
@@ -290,21 +290,19 @@ class RawUnion {
         }
       }
       if (reached.size() == 1) continue;
+      several_[c] = true;
       for (const std::uint32_t member : reached) members_.push_back({c, member});
     }
     std::sort(members_.begin(), members_.end());
   }
 
-  bool is_alone(std::uint32_t group) const {
-    const auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
-    return m == members_.end() || m->first != group;
-  }
   // Calls visit(cell) for the cells of a group, ascending.
   template <typename Visit>
   void for_each_member(std::uint32_t group, Visit&& visit) const {
-    auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
-    if (m == members_.end() || m->first != group) return visit(group);
-    for (; m != members_.end() && m->first == group; ++m) visit(m->second);
+    if (!several_[group]) return visit(group);
+    for (auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
+         m != members_.end() && m->first == group; ++m)
+      visit(m->second);
   }
 
   // What a group's ball has beyond its boundary facets.
@@ -357,7 +355,7 @@ class RawUnion {
   // What the group's neighbours within the solid leave of the space around the part of its ball that counts.
   void start_cell(const Sphere& ball, std::uint32_t group, const Box& box, Vec3 pivot, BallCell& cell) const {
     const Vec3 centre = ball.centre;
-    if (is_alone(group)) {
+    if (!several_[group]) {
       // A cell's second and first corner, third and fourth: clockwise.
       static constexpr std::array<std::uint8_t, 4> kOrder{1, 0, 2, 3};
       std::array<Vec3, 4> corners;
@@ -389,22 +387,33 @@ class RawUnion {
     });
   }
 
+  // Balls come in another order than cells do, so that each of these would be waited for.
+  static constexpr std::size_t kAhead = 4;
+  void fetch(std::uint32_t cell, const UnionMeasures& result) const {
+    __builtin_prefetch(&cells_[cell]);
+    __builtin_prefetch(&across_[cell]);
+    __builtin_prefetch(&result.parts[cell]);
+  }
+
   void add_balls(const Balls& all, UnionMeasures& result) const {
-    const Crowd crowd(all.balls, all.boxes);
+    const Crowd crowd(all.balls, all.boxes, context_);
     auto pieces = one_a_piece<Moments>(all.balls.size());
     parallel_for(context_, "union", all.balls.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       Workshop shop;
       Moments sum;
       for (std::size_t n = begin; n < end; ++n) {
+        if (n + kAhead < end) fetch(crowd[n + kAhead].number, result);
         const auto& [ball, group] = crowd[n];
         const std::size_t place = crowd.place_of(n);
         const Box& box = all.boxes[place];
         find_caps(ball, group, shop.caps);
         if (shop.caps.empty()) continue;
         Vec3 pivot;
-        for (const Cap& cap : shop.caps) pivot = pivot + cap.offset / static_cast<double>(shop.caps.size()) * cap.normal;
+        for (const Cap& cap : shop.caps)
+          pivot = pivot + cap.offset / static_cast<double>(shop.caps.size()) * cap.normal;
         const auto matters = [&](Vec3 d, double length, double half) {
-          return std::ranges::any_of(shop.caps, [&](const Cap& cap) { return cap.meets(ball.radius, d, length, half); });
+          return std::ranges::any_of(shop.caps,
+                                     [&](const Cap& cap) { return cap.meets(ball.radius, d, length, half); });
         };
         if (!crowd.find_rivals(n, box, pivot, shop.vicinity, shop.rivals, matters)) continue;
         start_cell(ball, group, box, pivot, shop.cell);
@@ -450,6 +459,7 @@ class RawUnion {
   const Context& context_;
   std::vector<std::array<std::uint32_t, 4>> across_;  // among the inside cells alone
   std::vector<std::uint32_t> group_;  // a cell of the same ball, for cells of a ball that may reach beyond the solid
+  std::vector<bool> several_;         // cells have the group of this one
   std::vector<std::pair<std::uint32_t, std::uint32_t>> members_;  // group and cell, for groups of several
 };
 
@@ -469,14 +479,16 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
   }
   if (members.empty()) return result;
   const Vec3 origin = middle(all);
-  const Crowd crowd(members, boxes);
+  const Crowd crowd(members, boxes, context);
   auto pieces = one_a_piece<Moments>(members.size());
   parallel_for(context, "union", members.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     Workshop shop;
     Moments sum;
     for (std::size_t n = begin; n < end; ++n) {
       const auto& [ball, number] = crowd[n];
-      if (!crowd.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals, [](Vec3, double, double) { return true; })) continue;
+      if (!crowd.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals,
+                             [](Vec3, double, double) { return true; }))
+        continue;
       shop.cell.reset(ball.radius);
       if (!shop.rivals.cut(shop.cell)) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
