@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <fstream>
+#include <future>
 #include <limits>
+#include <thread>
 
 #include "tests/server/doubles.h"
 
@@ -73,8 +75,52 @@ TEST(Catalog, KeepsResourcesOverAReopening) {
   EXPECT_FALSE(catalog.find("mdl_2"));
 }
 
+TEST(Catalog, ReadsDoNotWaitForWrites) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "catalog.sqlite";
+  Catalog catalog(file);
+  catalog.add(resource("vol_1", "volumes"));
+  sqlite3* other = nullptr;
+  ASSERT_EQ(sqlite3_open(file.c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  auto added = std::async(std::launch::async, [&] { return catalog.add(resource("vol_2", "volumes")); });
+  // The write gives up after seconds: it must not have when all these are done.
+  for (int i = 0; i < 1000; ++i) {
+    EXPECT_TRUE(catalog.find("vol_1"));
+    EXPECT_FALSE(catalog.find("vol_2"));
+    EXPECT_EQ(catalog.list("volumes", "", 5).items.size(), 1U);
+  }
+  EXPECT_EQ(added.wait_for(std::chrono::seconds(0)), std::future_status::timeout);
+  ASSERT_EQ(sqlite3_exec(other, "ROLLBACK", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(other);
+  EXPECT_TRUE(added.get());
+  EXPECT_TRUE(catalog.find("vol_2"));
+}
+
+TEST(Catalog, EveryThreadReadsWhatItHasWritten) {
+  test::ScratchCatalog catalog;
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&catalog, t] {
+      for (int i = 0; i < 50; ++i) {
+        const std::string id = std::to_string(t) + "-" + std::to_string(i);
+        EXPECT_TRUE(catalog.add(resource(id, id, {}, {"blob of " + id})));
+        const auto found = catalog.find(id);
+        ASSERT_TRUE(found) << id;
+        EXPECT_EQ(found->blobs, std::vector{"blob of " + id});
+        EXPECT_EQ(catalog.list(id, "", 2).items.size(), 1U);
+        if (i % 2 == 0) {
+          EXPECT_EQ(catalog.erase(id), std::vector{"blob of " + id});
+        }
+        EXPECT_EQ(catalog.find(id).has_value(), i % 2 == 1);
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+}
+
 TEST(Catalog, TextIsNeverRead) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   const std::string hostile = "'); DROP TABLE resources; -- \" \xff\xfe % _ \n";
   EXPECT_TRUE(catalog.add(resource(hostile, hostile, {}, {hostile})));
   EXPECT_EQ(catalog.find(hostile)->blobs, std::vector{hostile});
@@ -83,13 +129,13 @@ TEST(Catalog, TextIsNeverRead) {
 }
 
 TEST(Catalog, RefusesResourcesWhoseInputsAreGone) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   EXPECT_EQ(error_of([&] { catalog.add(resource("mdl_1", "models", {"vol_1"})); }), ErrorCode::conflict);
   EXPECT_FALSE(catalog.find("mdl_1"));
 }
 
 TEST(Catalog, ErasingTakesEverythingDerivedAlong) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   catalog.add(resource("vol_1", "volumes", {}, {"v1"}));
   catalog.add(resource("vol_2", "volumes", {}, {"v2"}));
   catalog.add(resource("mdl_1", "models", {"vol_1"}, {"m1"}));
@@ -107,7 +153,7 @@ TEST(Catalog, ErasingTakesEverythingDerivedAlong) {
 }
 
 TEST(Catalog, PagesAreStableWhileRowsComeAndGo) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   for (int i = 0; i < 10; ++i) catalog.add(resource("m" + std::to_string(i)));
   catalog.add(resource("v", "volumes"));
   const auto first = catalog.list("models", "", 4);
@@ -127,7 +173,7 @@ TEST(Catalog, PagesAreStableWhileRowsComeAndGo) {
 }
 
 TEST(Catalog, RefusesForeignCursors) {
-  const Catalog catalog(":memory:");
+  const test::ScratchCatalog catalog;
   for (const char* cursor : {"x", "0", "-3", "1x", " 1", "99999999999999999999", "1;"}) {
     EXPECT_EQ(error_of([&] { (void)catalog.list("models", cursor, 5); }), ErrorCode::invalid_argument) << cursor;
     EXPECT_EQ(error_of([&] { (void)catalog.list_jobs(cursor, 5); }), ErrorCode::invalid_argument) << cursor;
@@ -183,7 +229,7 @@ TEST(Catalog, KeepsAllOfAJob) {
 }
 
 TEST(Catalog, ListsUnfinishedJobsOldestFirst) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   for (const char* id : {"a", "b", "c"}) catalog.add_job(job(id));
   JobRecord over = job("b");
   over.state = JobState::cancelled;
@@ -196,7 +242,7 @@ TEST(Catalog, ListsUnfinishedJobsOldestFirst) {
 }
 
 TEST(Catalog, AResultAndItsJobAreOneTransaction) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   catalog.add(resource("vol_1", "volumes"));
   catalog.add_job(job("j"));
   JobRecord done = job("j");
@@ -287,7 +333,7 @@ TEST(Catalog, DamageIsFoundOrHarmless) {
 }
 
 TEST(Publishing, LeavesNoBlobThatNothingOwns) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
   const auto upload = [&](const std::string& id, const std::vector<std::string>& inputs) {
     return publish(catalog, blobs, resource(id, "volumes", inputs, {blobs.put("volumes/a", id), blobs.put("b", id)}));
@@ -304,7 +350,7 @@ TEST(Publishing, LeavesNoBlobThatNothingOwns) {
 }
 
 TEST(Publishing, OrphansGoAtTheNextStart) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore inner;
   test::FaultyBlobStore blobs(inner);
   publish(catalog, blobs, resource("vol_1", "volumes", {}, {blobs.put("a", "1")}));
