@@ -306,23 +306,19 @@ struct Catalog::State {
   /// The connection that writes, for one thread.
   class Writing {
    public:
-    explicit Writing(State& state) : lock_(state.writing), connection_(state.writer.connection) {}
-    operator Connection&() const { return connection_; }
+    explicit Writing(State& state) : lock_(state.writing), database(state.writer.connection) {}
 
    private:
     std::lock_guard<std::mutex> lock_;
-    Connection& connection_;
+
+   public:
+    Connection& database;
   };
 
   /// One of those that read, for one thread.
   class Reading {
    public:
-    explicit Reading(State& state) : state_(state) {
-      std::unique_lock lock(state.mutex);
-      state.returned.wait(lock, [&] { return !state.resting.empty(); });
-      connection_ = std::move(state.resting.back());
-      state.resting.pop_back();
-    }
+    explicit Reading(State& state) : state_(state), connection_(state.borrow()), database(*connection_) {}
     ~Reading() {
       {
         const std::lock_guard lock(state_.mutex);
@@ -332,12 +328,22 @@ struct Catalog::State {
     }
     Reading(const Reading&) = delete;
     Reading& operator=(const Reading&) = delete;
-    operator Connection&() const { return *connection_; }
 
    private:
     State& state_;
     std::unique_ptr<Connection> connection_;
+
+   public:
+    Connection& database;
   };
+
+  std::unique_ptr<Connection> borrow() {
+    std::unique_lock lock(mutex);
+    returned.wait(lock, [&] { return !resting.empty(); });
+    std::unique_ptr<Connection> connection = std::move(resting.back());
+    resting.pop_back();
+    return connection;
+  }
 
   Writer writer;
   std::mutex writing;
@@ -355,18 +361,18 @@ Catalog::Catalog(const std::filesystem::path& file) {
 Catalog::~Catalog() = default;
 
 bool Catalog::add(const Resource& resource) {
-  const State::Writing database(*state_);
-  Transaction transaction(database);
-  const bool added = insert_resource(database, resource);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  const bool added = insert_resource(use.database, resource);
   if (added) transaction.commit();
   return added;
 }
 
 std::optional<Resource> Catalog::find(const std::string& id) const {
-  const State::Reading database(*state_);
-  Statement row(database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE id = ?", id);
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE id = ?", id);
   if (!row.step()) return {};
-  return read_resource(database, row);
+  return read_resource(use.database, row);
 }
 
 namespace {
@@ -394,31 +400,31 @@ std::size_t clamp_limit(std::size_t limit) { return std::clamp<std::size_t>(limi
 
 Page<Resource> Catalog::list(const std::string& collection, const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const State::Reading database(*state_);
-  Statement row(database,
+  const State::Reading use(*state_);
+  Statement row(use.database,
                 "SELECT " + std::string(resource_columns) +
                     " FROM resources WHERE collection = ? AND seq < ? ORDER BY seq DESC LIMIT ?",
                 collection, parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(database, r); });
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(use.database, r); });
 }
 
 Page<Resource> Catalog::list_all(const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const State::Reading database(*state_);
-  Statement row(database,
+  const State::Reading use(*state_);
+  Statement row(use.database,
                 "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq < ? ORDER BY seq DESC LIMIT ?",
                 parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(database, r); });
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(use.database, r); });
 }
 
 void Catalog::touch(const std::string& id) {
-  const State::Writing database(*state_);
-  touch_with_inputs(database, id, now());
+  const State::Writing use(*state_);
+  touch_with_inputs(use.database, id, now());
 }
 
 std::vector<std::string> Catalog::unused_since(const std::string& collection, Time before, std::size_t limit) const {
-  const State::Reading database(*state_);
-  Statement row(database, "SELECT id FROM resources WHERE collection = ? AND used < ? ORDER BY used LIMIT ?",
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT id FROM resources WHERE collection = ? AND used < ? ORDER BY used LIMIT ?",
                 collection, before, std::uint64_t{limit});
   std::vector<std::string> found;
   while (row.step()) found.push_back(row.text(0));
@@ -430,85 +436,86 @@ std::vector<std::string> Catalog::erase(const std::string& id) {
   constexpr std::string_view doomed =
       "WITH RECURSIVE doomed (seq) AS (SELECT seq FROM resources WHERE id = ?"
       " UNION SELECT i.resource FROM inputs i JOIN doomed d ON i.input = d.seq) ";
-  const State::Writing database(*state_);
-  Transaction transaction(database);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
   std::vector<std::string> keys;
   {
-    Statement blobs(database,
+    Statement blobs(use.database,
                     std::string(doomed) + "SELECT key FROM blobs WHERE resource IN doomed ORDER BY resource, position",
                     id);
     while (blobs.step()) keys.push_back(blobs.text(0));
   }
-  Statement(database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
-  if (static_cast<Connection&>(database).changes() == 0)
+  Statement(use.database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
+  if (use.database.changes() == 0)
     throw Error(ErrorCode::not_found, "There is nothing under this id; it may have been deleted.");
   transaction.commit();
   return keys;
 }
 
 bool Catalog::owns_blob(const std::string& key) const {
-  const State::Reading database(*state_);
-  return Statement(database, "SELECT 1 FROM blobs WHERE key = ?", key).step();
+  const State::Reading use(*state_);
+  return Statement(use.database, "SELECT 1 FROM blobs WHERE key = ?", key).step();
 }
 
 void Catalog::add_job(const JobRecord& job) {
-  const State::Writing database(*state_);
-  Transaction transaction(database);
-  insert_job(database, job);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  insert_job(use.database, job);
   transaction.commit();
 }
 
 void Catalog::update_job(const JobRecord& job) {
-  const State::Writing database(*state_);
-  Transaction transaction(database);
-  write_job(database, job);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  write_job(use.database, job);
   transaction.commit();
 }
 
 bool Catalog::complete_job(const JobRecord& job, const Resource& result) {
-  const State::Writing database(*state_);
-  Transaction transaction(database);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
   // A result that is there already is as good: the same id is the same thing.
-  const bool added = insert_resource(database, result);
-  write_job(database, job);
+  const bool added = insert_resource(use.database, result);
+  write_job(use.database, job);
   transaction.commit();
   return added;
 }
 
 std::optional<JobRecord> Catalog::find_job(const std::string& id) const {
-  const State::Reading database(*state_);
-  Statement row(database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE id = ?", id);
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE id = ?", id);
   if (!row.step()) return {};
-  return read_job(database, row);
+  return read_job(use.database, row);
 }
 
 Page<JobRecord> Catalog::list_jobs(const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const State::Reading database(*state_);
-  Statement row(database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq < ? ORDER BY seq DESC LIMIT ?",
+  const State::Reading use(*state_);
+  Statement row(use.database,
+                "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq < ? ORDER BY seq DESC LIMIT ?",
                 parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<JobRecord>(row, limit, [&](const Statement& r) { return read_job(database, r); });
+  return read_page<JobRecord>(row, limit, [&](const Statement& r) { return read_job(use.database, r); });
 }
 
 std::vector<JobRecord> Catalog::unfinished_jobs() const {
-  const State::Reading database(*state_);
-  Statement row(database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
   std::vector<JobRecord> jobs;
-  while (row.step()) jobs.push_back(read_job(database, row));
+  while (row.step()) jobs.push_back(read_job(use.database, row));
   return jobs;
 }
 
 std::size_t Catalog::forget_jobs(Time ended_before) {
-  const State::Writing database(*state_);
-  Statement(database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
-  return static_cast<std::size_t>(static_cast<Connection&>(database).changes());
+  const State::Writing use(*state_);
+  Statement(use.database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
+  return static_cast<std::size_t>(use.database.changes());
 }
 
 void Catalog::verify() const {
-  const State::Writing database(*state_);
-  Statement whole(database, "PRAGMA integrity_check(1)");
+  const State::Writing use(*state_);
+  Statement whole(use.database, "PRAGMA integrity_check(1)");
   if (!whole.step() || whole.text(0) != "ok") throw_corrupt();
-  if (Statement(database, "PRAGMA foreign_key_check").step()) throw_corrupt();
+  if (Statement(use.database, "PRAGMA foreign_key_check").step()) throw_corrupt();
 }
 
 void copy_catalog(const std::filesystem::path& from, const std::filesystem::path& to) {
