@@ -2,7 +2,6 @@
 #include "server/catalog.h"
 
 #include <fcntl.h>
-#include <sqlite3.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -237,13 +236,13 @@ class FileLock {
  public:
   explicit FileLock(const std::filesystem::path& file) {
     descriptor_ = ::open((file.native() + ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-    if (descriptor_ < 0) sqlite::throw_error(nullptr, errno == ENOSPC ? SQLITE_FULL : SQLITE_CANTOPEN);
+    if (descriptor_ < 0) sqlite::throw_system(errno);
     // A predecessor may be just closing.
     const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
     while (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) {
       if (std::chrono::steady_clock::now() > end) {
         ::close(descriptor_);
-        sqlite::throw_error(nullptr, SQLITE_BUSY);
+        sqlite::throw_busy();
       }
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
@@ -521,12 +520,7 @@ void Catalog::verify() const {
 void copy_catalog(const std::filesystem::path& from, const std::filesystem::path& to) {
   SPHERULE_CHECK(!std::filesystem::exists(to));
   Connection source(from, Connection::Mode::write), copy(to, Connection::Mode::create);
-  sqlite3_backup* backup = sqlite3_backup_init(copy.handle(), "main", source.handle(), "main");
-  if (backup == nullptr) sqlite::throw_error(copy.handle(), sqlite3_errcode(copy.handle()));
-  // All pages in one step: a reader of a write-ahead log holds up nobody.
-  sqlite3_backup_step(backup, -1);
-  const int result = sqlite3_backup_finish(backup);
-  if (result != SQLITE_OK) sqlite::throw_error(copy.handle(), result);
+  source.copy(copy);
 }
 
 namespace {

@@ -3,6 +3,7 @@
 
 #include <sqlite3.h>
 
+#include <cerrno>
 #include <new>
 #include <stdexcept>
 
@@ -16,27 +17,40 @@ void throw_corrupt() {
               "`spheruled fsck --repair`.");
 }
 
-void throw_error(sqlite3* database, int result) {
+void throw_busy() {
+  throw Error(ErrorCode::busy, "Another server uses this data folder; stop it, or choose another folder.");
+}
+
+void throw_system(int error_number) {
+  if (error_number == ENOSPC) {
+    throw Error(ErrorCode::no_space, "The server's storage is full; delete what is no longer needed, or try later.");
+  }
+  throw Error(
+      ErrorCode::corrupt,
+      "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
+}
+
+namespace {
+
+// Throws what a result code means; `database` may be null.
+[[noreturn]] void throw_error(sqlite3* database, int result) {
   switch (result & 0xff) {
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
     case SQLITE_FORMAT: throw_corrupt();
-    case SQLITE_FULL:
-      throw Error(ErrorCode::no_space, "The server's storage is full; delete what is no longer needed, or try later.");
+    case SQLITE_FULL: throw_system(ENOSPC);
     case SQLITE_BUSY:
-    case SQLITE_LOCKED:
-      throw Error(ErrorCode::busy, "Another server uses this data folder; stop it, or choose another folder.");
+    case SQLITE_LOCKED: throw_busy();
     case SQLITE_IOERR:
     case SQLITE_CANTOPEN:
     case SQLITE_READONLY:
-    case SQLITE_PERM:
-      throw Error(
-          ErrorCode::corrupt,
-          "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
+    case SQLITE_PERM: throw_system(EIO);
     case SQLITE_NOMEM: throw std::bad_alloc();
     default: throw std::logic_error(std::string("catalogue: ") + sqlite3_errmsg(database));
   }
 }
+
+}  // namespace
 
 Connection::Connection(const std::filesystem::path& file, Mode mode) {
   const int access = mode == Mode::read    ? SQLITE_OPEN_READONLY
@@ -69,6 +83,15 @@ std::int64_t Connection::number(const char* query) {
 int Connection::changes() const { return sqlite3_changes(database_); }
 
 std::int64_t Connection::last_row() const { return sqlite3_last_insert_rowid(database_); }
+
+void Connection::copy(Connection& to) {
+  sqlite3_backup* backup = sqlite3_backup_init(to.database_, "main", database_, "main");
+  if (backup == nullptr) throw_error(to.database_, sqlite3_errcode(to.database_));
+  // All pages in one step: a reader of a write-ahead log holds up nobody.
+  sqlite3_backup_step(backup, -1);
+  const int result = sqlite3_backup_finish(backup);
+  if (result != SQLITE_OK) throw_error(to.database_, result);
+}
 
 sqlite3_stmt* Connection::take(std::string_view sql) {
   if (const auto known = prepared_.find(sql); known != prepared_.end() && !known->second.empty()) {
@@ -124,7 +147,7 @@ void Statement::check(int result) const {
 
 Transaction::~Transaction() {
   // A full disk may have rolled back already.
-  sqlite3* database = connection_.handle();
+  sqlite3* database = connection_.database_;
   if (!sqlite3_get_autocommit(database)) sqlite3_exec(database, "ROLLBACK", nullptr, nullptr, nullptr);
 }
 

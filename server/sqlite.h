@@ -22,11 +22,13 @@ namespace spherule::server::sqlite {
 using Time = std::chrono::sys_time<std::chrono::microseconds>;
 
 [[noreturn]] void throw_corrupt();
+/// For a file that another process has.
+[[noreturn]] void throw_busy();
+/// For a file that cannot be used, with the system's reason.
+[[noreturn]] void throw_system(int error_number);
 
-/// Throws what a result code means; `database` may be null.
-[[noreturn]] void throw_error(sqlite3* database, int result);
-
-/// Used by one thread at a time. Every function throws what throw_error() throws.
+/// Used by one thread at a time. Every function may throw corrupt (the file is damaged, or cannot be used), no_space
+/// and busy.
 class Connection {
  public:
   enum class Mode { read, write, create };
@@ -47,10 +49,12 @@ class Connection {
   /// The number of the row that was inserted last.
   [[nodiscard]] std::int64_t last_row() const;
 
-  [[nodiscard]] sqlite3* handle() const { return database_; }
+  /// Makes `to` the same, as this is at one moment.
+  void copy(Connection& to);
 
  private:
   friend class Statement;
+  friend class Transaction;
   sqlite3_stmt* take(std::string_view sql);
 
   sqlite3* database_ = nullptr;
