@@ -64,6 +64,7 @@ TEST_F(Archive, RefusesNamesThatLeaveTheFolder) {
     EXPECT_EQ(refusal(zip({{name, "x"}})), ErrorCode::invalid_argument) << name;
   }
   EXPECT_EQ(refusal(zip({{"a..b/..c", "x"}})), std::nullopt);
+  EXPECT_EQ(refusal(zip({{"", "x"}})), ErrorCode::invalid_argument) << "found by fuzz_archive";
   EXPECT_EQ(refusal(zip({{"link", "/etc/passwd", false, 0120777}})), ErrorCode::invalid_argument);
 }
 
