@@ -765,11 +765,70 @@ TEST_F(Routes, ServeRangesOfContent) {
   EXPECT_EQ(ask("GET", path, {.headers = {{"Range", "bytes=0-3"}, {"If-Range", "\"old\""}}}).status, 200);
 }
 
+TEST_F(Routes, ServeSeveralRangesAsMultipart) {
+  const std::string path = "/v1/volumes/" + kVolume + "/content";
+  const std::string boundary(64, 'e');
+  const Response response = ask("GET", path, {.headers = {{"Range", "bytes=0-1, 4-6,20-,-1"}}});
+  EXPECT_EQ(response.status, 206);
+  EXPECT_EQ(response.header("Content-Type"), "multipart/byteranges; boundary=" + boundary);
+  EXPECT_EQ(response.header("Content-Range"), "");
+  std::string expected;
+  for (const auto& [range, bytes] : {std::pair("0-1", "01"), {"4-6", "456"}, {"9-9", "9"}}) {
+    expected += "\r\n--" + boundary + "\r\nContent-Type: application/octet-stream\r\nContent-Range: bytes " + range +
+                "/10\r\n\r\n" + bytes;
+  }
+  expected += "\r\n--" + boundary + "--\r\n";
+  const auto& content = std::get<api::ContentPart>(response.body);
+  EXPECT_EQ(content.offset, 0U);
+  ASSERT_EQ(content.length, expected.size());
+  // Whatever the pieces in which it is fetched.
+  for (const std::size_t step : {std::size_t{1}, std::size_t{7}, std::size_t{64}, expected.size() + 9}) {
+    std::string all, piece(step, '\0');
+    while (const std::size_t n = content.content.read_at(all.size(), piece)) all.append(piece, 0, n);
+    EXPECT_EQ(all, expected) << step;
+  }
+  // One more than is answered so.
+  std::string many = "bytes=0-0";
+  for (std::size_t i = 1; i < api::kMostRanges; ++i) many += ",100-";
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", many}}}).status, 206);
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", many + ",1-1"}}}).status, 200);
+}
+
 TEST_F(Routes, RefuseZeroBytesInNames) {
   const std::vector<std::pair<std::string, std::string>> requests = {
       {"/v1/models/" + kModel + "/simplifications", R"({"method": "median", "\u0000": "x"})"},
       {"/v1/models", R"({"volume": "x", "a\u0000b": 1})"}};
   for (const auto& [path, body] : requests) {
+    const Response response = ask("POST", path, {.body = body});
+    EXPECT_EQ(response.status, 400) << path;
+    EXPECT_NE(
+        std::get<std::string>(response.body).find("has a field with a zero byte in its name; send no such field."),
+        std::string::npos)
+        << path;
+  }
+}
+
+TEST_F(Routes, Delete) {
+  EXPECT_EQ(ask("DELETE", "/v1/volumes/" + kVolume).status, 204);
+  EXPECT_EQ(ask("DELETE", "/v1/models/" + kModel).status, 204);
+  EXPECT_EQ(service.deleted, (std::vector<std::string>{kVolume, kModel}));
+  EXPECT_EQ(ask("DELETE", "/v1/models/" + kVolume).status, 404);
+}
+
+TEST_F(Routes, CancelJobs) {
+  EXPECT_EQ(ask("POST", "/v1/jobs/" + kJob + "/cancel").status, 202);
+  service.failure.emplace(ErrorCode::conflict, "The job is over.");
+  EXPECT_EQ(ask("POST", "/v1/jobs/" + kJob + "/cancel").status, 409);
+}
+
+TEST_F(Routes, StreamEvents) {
+  using Type = api::JobEvent::Type;
+  service.events.events = {
+      {.number = 3, .type = Type::state, .state = api::JobState::running},
+      {.number = 5, .type = Type::warning, .state = api::JobState::running, .warning = "Odd\nscan."},
+      {.number = 9, .type = Type::end, .state = api::JobState::succeeded, .stage = "store", .progress = 1}};
+  service.events.over = true;
+  const auto stream = [&](Extra extra) {
     const Response response = ask("GET", "/v1/jobs/" + kJob + "/events", std::move(extra));
     EXPECT_EQ(response.header("Content-Type"), "text/event-stream");
     std::string out;

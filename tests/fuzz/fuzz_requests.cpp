@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 
+#include "api/requests.h"
 #include "api/routes.h"
 #include "tests/api/stub.h"
 
