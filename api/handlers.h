@@ -108,5 +108,15 @@ Response plotted(const Plot& plot, FigureFormat format, const PlotSize& size);
 void describe_uploads(Service& service, Response& response);
 /// Adds a Link header to the next page of a list.
 void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next);
+/// One page of the list at `path`: `list` is the service's function for it, `document` shows what that gives.
+template <typename T>
+Response listed(const Call& call, const std::string& path, Page<T> (Service::*list)(const PageRequest&),
+                std::string (*document)(const Page<T>&)) {
+  const PageRequest wanted = page_request(Query(call.request, {"limit", "cursor"}));
+  const Page<T> page = (call.service.*list)(wanted);
+  Response response = json_response(call, document(page));
+  link_next(response, path, wanted, page.next);
+  return response;
+}
 
 }  // namespace spherule::api

@@ -24,13 +24,7 @@ void append(std::string& out, std::uint64_t& last, const JobEvents& events) {
 
 }  // namespace
 
-Response list_jobs(const Call& call) {
-  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
-  const Page<JobInfo> jobs = call.service.jobs(page);
-  Response response = json_response(call, job_list_document(jobs));
-  link_next(response, "/v1/jobs", page, jobs.next);
-  return response;
-}
+Response list_jobs(const Call& call) { return listed(call, "/v1/jobs", &Service::jobs, job_list_document); }
 
 Response get_job(const Call& call) {
   const Query query(call.request, {});

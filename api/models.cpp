@@ -121,13 +121,7 @@ Response derived(const Call& call, const DerivedRequest& request, std::string_vi
   return response;
 }
 
-Response list_models(const Call& call) {
-  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
-  const Page<ModelInfo> models = call.service.models(page);
-  Response response = json_response(call, model_list_document(models));
-  link_next(response, "/v1/models", page, models.next);
-  return response;
-}
+Response list_models(const Call& call) { return listed(call, "/v1/models", &Service::models, model_list_document); }
 
 Response post_model(const Call& call) {
   const Query query(call.request, {"format"});

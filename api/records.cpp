@@ -3,6 +3,7 @@
 
 #include "api/documents.h"
 #include "api/requests.h"
+#include "api/stored_json.h"
 #include "core/render/options.h"
 
 namespace spherule::api {
@@ -226,17 +227,6 @@ Json to_json(std::span<const StoredFile> files, bool with_names) {
   return json;
 }
 
-// Runs a reader of text that only this file writes.
-template <typename F>
-auto read(std::string_view record, F&& f) {
-  try {
-    return f(Json::parse(record));
-  } catch (const Json::exception&) {
-    throw Error(ErrorCode::corrupt,
-                "The server's record of this resource is damaged; delete the resource and make it again.");
-  }
-}
-
 }  // namespace
 
 std::string record_of(const VolumeInfo& v) {
@@ -261,7 +251,7 @@ std::string record_of(const VolumeInfo& v) {
 }
 
 VolumeInfo volume_from(std::string_view record) {
-  return read(record, [](const Json& json) {
+  return read_stored(record, [](const Json& json) {
     VolumeInfo v;
     v.id = json.at("id");
     v.created = time_from(json.at("created"));
@@ -304,7 +294,7 @@ std::string record_of(const ModelInfo& m) {
 }
 
 ModelInfo model_from(std::string_view record) {
-  return read(record, [](const Json& json) {
+  return read_stored(record, [](const Json& json) {
     ModelInfo m;
     m.id = json.at("id");
     m.created = time_from(json.at("created"));
@@ -328,7 +318,7 @@ ModelInfo model_from(std::string_view record) {
 std::string record_of(const DerivedRequest& request) { return to_json(request).dump(); }
 
 DerivedRequest derived_from(std::string_view record) {
-  return read(record, [](const Json& json) {
+  return read_stored(record, [](const Json& json) {
     const std::string what = json.at("what");
     if (what == "slice") return DerivedRequest{.model = {}, .what = slice_from(json)};
     DerivedRequest request{.model = json.at("model"), .what = {}, .level = json.value("level", 0U)};
@@ -366,12 +356,12 @@ DerivedRequest derived_from(std::string_view record) {
 
 std::string record_of(const ModelRequest& request) { return to_json(request).dump(); }
 
-ModelRequest model_request_from(std::string_view record) { return read(record, model_request_from_json); }
+ModelRequest model_request_from(std::string_view record) { return read_stored(record, model_request_from_json); }
 
 std::string record_of(const SimplificationRequest& request) { return to_json(request).dump(); }
 
 SimplificationRequest simplification_request_from(std::string_view record) {
-  return read(record, simplification_request_from_json);
+  return read_stored(record, simplification_request_from_json);
 }
 
 std::string identity_of(std::span<const StoredFile> files, const VolumeParameters& parameters) {

@@ -5,6 +5,7 @@
 
 #include "api/documents.h"
 #include "api/requests.h"
+#include "api/stored_json.h"
 #include "core/render/options.h"
 
 namespace spherule::api {
@@ -91,16 +92,6 @@ Json to_json(const RegistrationAnswerRequest& request) {
   return json;
 }
 
-template <typename F>
-auto read(std::string_view record, F&& f) {
-  try {
-    return f(Json::parse(record));
-  } catch (const Json::exception&) {
-    throw Error(ErrorCode::corrupt,
-                "The server's record of this registration is damaged; delete the registration and make it again.");
-  }
-}
-
 }  // namespace
 
 std::string registration_document(const std::string& id, Time created, const std::string& algorithm_version,
@@ -167,7 +158,7 @@ std::string registration_document(const std::string& id, Time created, const std
 }
 
 RegistrationInfo registration_from(std::string_view document, std::string_view request_record) {
-  RegistrationInfo info = read(document, [&](const Json& json) {
+  RegistrationInfo info = read_stored(document, [&](const Json& json) {
     return RegistrationInfo{.id = json.at("id"),
                             .request = {},
                             .moving_to_fixed = map_from(json.at("moving_to_fixed")),
@@ -195,7 +186,7 @@ std::string registration_list_document(const Page<RegistrationInfo>& page) {
 std::string record_of(const RegistrationRequest& request) { return to_json(request).dump(); }
 
 RegistrationRequest registration_request_from(std::string_view record) {
-  return read(record, [](const Json& json) {
+  return read_stored(record, [](const Json& json) {
     const Json& p = json.at("parameters");
     const Json& w = p.at("weights");
     RegistrationRequest request{.fixed = p.at("fixed"), .moving = p.at("moving")};
@@ -217,7 +208,7 @@ RegistrationRequest registration_request_from(std::string_view record) {
 std::string record_of(const RegistrationAnswerRequest& request) { return to_json(request).dump(); }
 
 RegistrationAnswerRequest registration_answer_from(std::string_view record) {
-  return read(record, [](const Json& json) {
+  return read_stored(record, [](const Json& json) {
     RegistrationAnswerRequest request{.registration = json.at("registration"), .what = Applied::volume};
     if (json.at("what") == "model") request.what = Applied::model;
     if (json.at("what") == "render") {

@@ -33,11 +33,7 @@ Response applied(const Call& call, Applied what) {
 }  // namespace
 
 Response list_registrations(const Call& call) {
-  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
-  const Page<RegistrationInfo> registrations = call.service.registrations(page);
-  Response response = json_response(call, registration_list_document(registrations));
-  link_next(response, "/v1/registrations", page, registrations.next);
-  return response;
+  return listed(call, "/v1/registrations", &Service::registrations, registration_list_document);
 }
 
 Response post_registration(const Call& call) {

@@ -62,8 +62,12 @@ Json object_in(std::string_view text, const std::string& example) {
   Json json;
   try {
     // Requests are three levels deep at most; deeper text is refused before it can exhaust the stack.
-    json = Json::parse(text, [](int depth, Json::parse_event_t, Json&) {
+    json = Json::parse(text, [](int depth, Json::parse_event_t event, Json& part) {
       if (depth > 8) throw Error(ErrorCode::malformed, "The body is nested too deeply; send a JSON object.");
+      // Names are repeated in sentences, which a zero byte would end.
+      if (event == Json::parse_event_t::key && part.get_ref<const std::string&>().find('\0') != std::string::npos) {
+        throw Error(ErrorCode::malformed, "The body has a field with a zero byte in its name; send no such field.");
+      }
       return true;
     });
   } catch (const Json::exception&) {
@@ -720,9 +724,10 @@ std::optional<std::chrono::seconds> preferred_wait(const Request& request) {
   return wait;
 }
 
-std::optional<ByteRange> byte_range(std::string_view range, std::uint64_t bytes) {
-  if (!range.starts_with("bytes=") || range.find(',') != std::string_view::npos) return std::nullopt;
-  range = trimmed(range.substr(6));
+namespace {
+
+// One range of a set; of no length when it lies outside, nothing when it is malformed.
+std::optional<ByteRange> one_range(std::string_view range, std::uint64_t bytes) {
   const std::size_t dash = range.find('-');
   if (dash == std::string_view::npos) return std::nullopt;
   const std::string_view from = range.substr(0, dash), to = range.substr(dash + 1);
@@ -731,11 +736,33 @@ std::optional<ByteRange> byte_range(std::string_view range, std::uint64_t bytes)
   if (first && last && *last < *first) return std::nullopt;
   const std::uint64_t begin = first ? *first : bytes - std::min(bytes, *last);
   const std::uint64_t end = first && last && *last < bytes ? *last + 1 : bytes;
-  if (begin >= bytes || begin >= end) {
+  return ByteRange{begin, begin < end ? end - begin : 0};
+}
+
+}  // namespace
+
+std::vector<ByteRange> byte_ranges(std::string_view header, std::uint64_t bytes) {
+  if (!header.starts_with("bytes=")) return {};
+  std::vector<ByteRange> ranges;
+  std::size_t asked = 0;
+  std::uint64_t together = 0;
+  bool good = true;
+  split(header.substr(6), ',', [&](std::string_view text) {
+    if (text.empty() || ++asked > kMostRanges) good = good && text.empty();  // elements of lists may be empty
+    if (text.empty() || !good) return;
+    const auto range = one_range(text, bytes);
+    good = range.has_value();
+    if (!good || range->length == 0) return;
+    ranges.push_back(*range);
+    together += range->length;
+  });
+  // Who asks for more than there is gets what there is.
+  if (!good || asked == 0 || (ranges.size() > 1 && together > bytes)) return {};
+  if (ranges.empty()) {
     throw HttpError(416, "Ask for a range within the content's " + std::to_string(bytes) + " bytes.",
                     {{"Content-Range", "bytes */" + std::to_string(bytes)}});
   }
-  return ByteRange{begin, end - begin};
+  return ranges;
 }
 
 bool matches_etag(std::string_view if_none_match, std::string_view etag) {

@@ -118,12 +118,14 @@ std::string media_type(std::string_view content_type);
 /// `wait=N` of Prefer headers, in seconds, if any; `respond-async` is wait=0.
 std::optional<std::chrono::seconds> preferred_wait(const Request& request);
 
-/// The part of `bytes` that a Range header asks for: nothing for no header, another unit, several ranges or a malformed
-/// one (the whole is served then). Throws HttpError 416 for a range that starts past the end.
+/// The parts of `bytes` that a Range header asks for, in its order, without those that lie outside. None when the whole
+/// is to be served: no header, another unit, a malformed range, more than kMostRanges, or several that are together
+/// more than the whole. Throws HttpError 416 when all lie outside.
 struct ByteRange {
   std::uint64_t offset = 0, length = 0;
 };
-std::optional<ByteRange> byte_range(std::string_view range, std::uint64_t bytes);
+inline constexpr std::size_t kMostRanges = 32;
+std::vector<ByteRange> byte_ranges(std::string_view range, std::uint64_t bytes);
 
 /// Whether an If-None-Match header names this entity tag.
 bool matches_etag(std::string_view if_none_match, std::string_view etag);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <new>
 #include <optional>
 
@@ -205,21 +206,87 @@ Response json_response(const Call& call, std::string document, int status) {
   return response;
 }
 
+namespace {
+
+std::string content_range(const ByteRange& range, std::uint64_t bytes) {
+  return "bytes " + std::to_string(range.offset) + "-" + std::to_string(range.offset + range.length - 1) + "/" +
+         std::to_string(bytes);
+}
+
+// Several ranges of a content as one: multipart/byteranges (RFC 9110, 14.6).
+class Multipart {
+ public:
+  Multipart(Content content, const std::vector<ByteRange>& ranges, const std::string& type, const std::string& boundary)
+      : content_(std::move(content)) {
+    for (const ByteRange& range : ranges) {
+      pieces_.push_back({.text = "\r\n--" + boundary + "\r\nContent-Type: " + type +
+                                 "\r\nContent-Range: " + content_range(range, content_.bytes) + "\r\n\r\n",
+                         .range = {}});
+      pieces_.push_back({.text = {}, .range = range});
+    }
+    pieces_.push_back({.text = "\r\n--" + boundary + "--\r\n", .range = {}});
+  }
+
+  std::uint64_t bytes() const {
+    std::uint64_t sum = 0;
+    for (const Piece& piece : pieces_) sum += piece.bytes();
+    return sum;
+  }
+
+  /// As Content's.
+  std::size_t read_at(std::uint64_t offset, std::span<char> out) const {
+    std::size_t done = 0;
+    for (const Piece& piece : pieces_) {
+      if (offset >= piece.bytes()) {
+        offset -= piece.bytes();
+        continue;
+      }
+      const auto wanted = out.subspan(done, std::min<std::uint64_t>(out.size() - done, piece.bytes() - offset));
+      const std::size_t n = piece.range.length > 0 ? content_.read_at(piece.range.offset + offset, wanted)
+                                                   : piece.text.copy(wanted.data(), wanted.size(), offset);
+      done += n;
+      if (n < wanted.size() || done == out.size()) break;
+      offset = 0;
+    }
+    return done;
+  }
+
+ private:
+  // A text of ours, or else a range of the content.
+  struct Piece {
+    std::string text;
+    ByteRange range;
+    std::uint64_t bytes() const { return text.size() + range.length; }
+  };
+
+  Content content_;
+  std::vector<Piece> pieces_;
+};
+
+}  // namespace
+
 Response content_response(const Call& call, Content content, std::string type, const std::string& filename) {
   const std::string etag = "\"" + content.sha256 + "\"";
   const std::string_view if_range = call.request.header("If-Range");
   ContentPart part{.content = std::move(content), .offset = 0, .length = 0};
   part.length = part.content.bytes;
   Response response;
-  if (if_range.empty() || if_range == etag) {
-    if (const auto range = byte_range(call.request.header("Range"), part.content.bytes)) {
-      response.status = 206;
-      response.set("Content-Range", "bytes " + std::to_string(range->offset) + "-" +
-                                        std::to_string(range->offset + range->length - 1) + "/" +
-                                        std::to_string(part.content.bytes));
-      part.offset = range->offset;
-      part.length = range->length;
-    }
+  std::vector<ByteRange> ranges;
+  if (if_range.empty() || if_range == etag) ranges = byte_ranges(call.request.header("Range"), part.content.bytes);
+  if (!ranges.empty()) response.status = 206;
+  if (ranges.size() == 1) {
+    response.set("Content-Range", content_range(ranges.front(), part.content.bytes));
+    part.offset = ranges.front().offset;
+    part.length = ranges.front().length;
+  } else if (ranges.size() > 1) {
+    // No content can be expected to hold its own digest.
+    const std::string boundary = part.content.sha256;
+    const auto parts = std::make_shared<const Multipart>(std::move(part.content), ranges, type, boundary);
+    part.content = {.bytes = parts->bytes(), .sha256 = {}, .read_at = [parts](std::uint64_t at, std::span<char> out) {
+                      return parts->read_at(at, out);
+                    }};
+    part.length = parts->bytes();
+    type = "multipart/byteranges; boundary=" + boundary;
   }
   response.set("Content-Type", std::move(type));
   response.set("ETag", etag);

@@ -7,13 +7,7 @@
 
 namespace spherule::api {
 
-Response list_volumes(const Call& call) {
-  const PageRequest page = page_request(Query(call.request, {"limit", "cursor"}));
-  const Page<VolumeInfo> volumes = call.service.volumes(page);
-  Response response = json_response(call, volume_list_document(volumes));
-  link_next(response, "/v1/volumes", page, volumes.next);
-  return response;
-}
+Response list_volumes(const Call& call) { return listed(call, "/v1/volumes", &Service::volumes, volume_list_document); }
 
 namespace {
 

@@ -99,6 +99,9 @@ void unpack_zip(const Blob& blob, const ArchiveLimits& limits, const std::functi
       throw Error(ErrorCode::invalid_argument, "The zip archive has links in it; pack the files themselves.");
     }
     if (archive_entry_is_encrypted(entry) != 0) throw_damaged();
+    if (last_part(path).empty()) {
+      throw Error(ErrorCode::invalid_argument, "The zip archive has a file without a name; make it again.");
+    }
     if (++files > limits.files) {
       throw Error(ErrorCode::too_large,
                   "The zip archive has more than " + std::to_string(limits.files) + " files; send fewer.");

@@ -2,7 +2,6 @@
 #include "server/catalog.h"
 
 #include <fcntl.h>
-#include <sqlite3.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -10,6 +9,7 @@
 #include <array>
 #include <cerrno>
 #include <charconv>
+#include <condition_variable>
 #include <limits>
 #include <mutex>
 #include <new>
@@ -18,10 +18,19 @@
 #include <utility>
 
 #include "core/base/check.h"
+#include "server/sqlite.h"
 
 namespace spherule::server {
 
 namespace {
+
+using sqlite::Connection;
+using sqlite::Statement;
+using sqlite::throw_corrupt;
+using sqlite::Transaction;
+
+// Reads take microseconds, so that few connections serve many threads.
+constexpr std::size_t reader_count = 4;
 
 constexpr int application_id = 0x53706872;  // "Sphr": tells our files from other SQLite files
 
@@ -79,12 +88,6 @@ constexpr std::array<std::pair<ErrorCode, std::string_view>, 12> code_names = {
      {ErrorCode::cancelled, "cancelled"},
      {ErrorCode::corrupt, "corrupt"}}};
 
-[[noreturn]] void throw_corrupt() {
-  throw Error(ErrorCode::corrupt,
-              "The server's catalogue is damaged or not a catalogue; restore a backup, or save what can be read with "
-              "`spheruled fsck --repair`.");
-}
-
 template <typename Names, typename Value>
 std::string_view name_of(const Names& names, Value value) {
   for (const auto& [known, name] : names)
@@ -100,108 +103,6 @@ auto value_of(const Names& names, std::string_view text) {
   throw_corrupt();
 }
 
-[[noreturn]] void throw_sqlite(sqlite3* database, int result) {
-  switch (result & 0xff) {
-    case SQLITE_CORRUPT:
-    case SQLITE_NOTADB:
-    case SQLITE_FORMAT: throw_corrupt();
-    case SQLITE_FULL:
-      throw Error(ErrorCode::no_space, "The server's storage is full; delete what is no longer needed, or try later.");
-    case SQLITE_BUSY:
-    case SQLITE_LOCKED:
-      throw Error(ErrorCode::busy, "Another server uses this data folder; stop it, or choose another folder.");
-    case SQLITE_IOERR:
-    case SQLITE_CANTOPEN:
-    case SQLITE_READONLY:
-    case SQLITE_PERM:
-      throw Error(
-          ErrorCode::corrupt,
-          "The server cannot use its storage; its operator must check the data folder, its permissions and its disk.");
-    case SQLITE_NOMEM: throw std::bad_alloc();
-    default: throw std::logic_error(std::string("catalogue: ") + sqlite3_errmsg(database));
-  }
-}
-
-/// One prepared statement; parameters are bound in order, columns read by index.
-class Statement {
- public:
-  template <typename... Values>
-  Statement(sqlite3* database, std::string_view sql, const Values&... values) : database_(database) {
-    const int result = sqlite3_prepare_v2(database, sql.data(), static_cast<int>(sql.size()), &statement_, nullptr);
-    if (result != SQLITE_OK) throw_sqlite(database, result);
-    int index = 0;
-    (bind(++index, values), ...);
-  }
-  ~Statement() { sqlite3_finalize(statement_); }
-  Statement(const Statement&) = delete;
-  Statement& operator=(const Statement&) = delete;
-
-  /// True when there is a row to read.
-  bool step() {
-    const int result = sqlite3_step(statement_);
-    if (result != SQLITE_ROW && result != SQLITE_DONE) throw_sqlite(database_, result);
-    return result == SQLITE_ROW;
-  }
-
-  bool is_null(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
-  std::int64_t integer(int column) const { return sqlite3_column_int64(statement_, column); }
-  double real(int column) const { return sqlite3_column_double(statement_, column); }
-  unsigned count(int column) const { return static_cast<unsigned>(integer(column)); }
-  Time time(int column) const { return Time(std::chrono::microseconds(integer(column))); }
-  std::optional<Time> optional_time(int column) const {
-    return is_null(column) ? std::nullopt : std::optional(time(column));
-  }
-  std::string text(int column) const {
-    // As a blob, so that zero bytes within are kept.
-    const void* bytes = sqlite3_column_blob(statement_, column);
-    return {static_cast<const char*>(bytes),
-            bytes ? static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)) : 0};
-  }
-
- private:
-  void bind(int index, std::string_view text) {
-    // A null pointer would bind NULL, not the empty text.
-    check(sqlite3_bind_text64(statement_, index, text.empty() ? "" : text.data(), text.size(), SQLITE_TRANSIENT,
-                              SQLITE_UTF8));
-  }
-  void bind(int index, const char* text) { bind(index, std::string_view(text)); }
-  void bind(int index, const std::string& text) { bind(index, std::string_view(text)); }
-  void bind(int index, std::int64_t value) { check(sqlite3_bind_int64(statement_, index, value)); }
-  void bind(int index, std::uint64_t value) { bind(index, static_cast<std::int64_t>(value)); }
-  void bind(int index, int value) { bind(index, std::int64_t{value}); }
-  void bind(int index, unsigned value) { bind(index, std::int64_t{value}); }
-  void bind(int index, double value) { check(sqlite3_bind_double(statement_, index, value)); }
-  void bind(int index, Time value) { bind(index, std::int64_t{value.time_since_epoch().count()}); }
-  template <typename T>
-  void bind(int index, const std::optional<T>& value) {
-    if (value) bind(index, *value);  // what is not bound is NULL
-  }
-  void check(int result) {
-    if (result != SQLITE_OK) throw_sqlite(database_, result);
-  }
-
-  sqlite3* database_;
-  sqlite3_stmt* statement_ = nullptr;
-};
-
-/// Undone by the destructor unless committed.
-class Transaction {
- public:
-  // IMMEDIATE: a lock that cannot be had is reported here, never in the middle.
-  explicit Transaction(sqlite3* database) : database_(database) { Statement(database, "BEGIN IMMEDIATE").step(); }
-  ~Transaction() {
-    // A full disk may have rolled back already.
-    if (!sqlite3_get_autocommit(database_)) sqlite3_exec(database_, "ROLLBACK", nullptr, nullptr, nullptr);
-  }
-  Transaction(const Transaction&) = delete;
-  Transaction& operator=(const Transaction&) = delete;
-
-  void commit() { Statement(database_, "COMMIT").step(); }
-
- private:
-  sqlite3* database_;
-};
-
 /// Cursors are the number of the last row that was seen.
 std::int64_t parse_cursor(const std::string& cursor) {
   if (cursor.empty()) return std::numeric_limits<std::int64_t>::max();
@@ -216,7 +117,7 @@ std::int64_t parse_cursor(const std::string& cursor) {
 
 constexpr std::string_view resource_columns = "seq, id, collection, created, request, document, bytes, used";
 
-Resource read_resource(sqlite3* database, const Statement& row) {
+Resource read_resource(Connection& database, const Statement& row) {
   Resource resource;
   resource.id = row.text(1);
   resource.collection = row.text(2);
@@ -235,7 +136,7 @@ Resource read_resource(sqlite3* database, const Statement& row) {
   return resource;
 }
 
-void touch_with_inputs(sqlite3* database, const std::string& id, Time when) {
+void touch_with_inputs(Connection& database, const std::string& id, Time when) {
   Statement(database,
             "WITH RECURSIVE line (seq) AS (SELECT seq FROM resources WHERE id = ?"
             " UNION SELECT i.input FROM inputs i JOIN line l ON i.resource = l.seq)"
@@ -244,19 +145,19 @@ void touch_with_inputs(sqlite3* database, const std::string& id, Time when) {
       .step();
 }
 
-bool insert_resource(sqlite3* database, const Resource& resource, Time created, Time used) {
+bool insert_resource(Connection& database, const Resource& resource, Time created, Time used) {
   Statement(database,
             "INSERT INTO resources (id, collection, created, used, request, document, bytes)"
             " VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO NOTHING",
             resource.id, resource.collection, created, used, resource.request, resource.document, resource.bytes)
       .step();
-  if (sqlite3_changes(database) == 0) return false;
-  const std::int64_t seq = sqlite3_last_insert_rowid(database);
+  if (database.changes() == 0) return false;
+  const std::int64_t seq = database.last_row();
   for (int i = 0; const std::string& input : resource.inputs) {
     Statement(database, "INSERT INTO inputs (resource, position, input) SELECT ?, ?, seq FROM resources WHERE id = ?",
               seq, i++, input)
         .step();
-    if (sqlite3_changes(database) == 0)
+    if (database.changes() == 0)
       throw Error(ErrorCode::conflict, "What this was to be made from has been deleted meanwhile; upload it again.");
   }
   for (int i = 0; const std::string& key : resource.blobs)
@@ -265,7 +166,7 @@ bool insert_resource(sqlite3* database, const Resource& resource, Time created, 
   return true;
 }
 
-bool insert_resource(sqlite3* database, const Resource& resource) {
+bool insert_resource(Connection& database, const Resource& resource) {
   const Time time = now();
   return insert_resource(database, resource, time, time);
 }
@@ -274,7 +175,7 @@ constexpr std::string_view job_columns =
     "seq, id, kind, result_id, request, state, stage, progress, requesters, attempts, crashes, created, started,"
     " finished, error_code, error_sentence, client, memory";
 
-JobRecord read_job(sqlite3* database, const Statement& row) {
+JobRecord read_job(Connection& database, const Statement& row) {
   JobRecord job;
   job.id = row.text(1);
   job.kind = row.text(2);
@@ -301,7 +202,7 @@ JobRecord read_job(sqlite3* database, const Statement& row) {
   return job;
 }
 
-void write_job(sqlite3* database, const JobRecord& job) {
+void write_job(Connection& database, const JobRecord& job) {
   std::optional<std::string_view> code, sentence;
   if (job.error) sentence = job.error->sentence;
   if (job.error && job.error->code) code = name_of(code_names, *job.error->code);
@@ -311,7 +212,7 @@ void write_job(sqlite3* database, const JobRecord& job) {
             to_string(job.state), job.stage, job.progress, job.requesters, job.attempts, job.crashes, job.started,
             job.finished, code, sentence, job.id)
       .step();
-  SPHERULE_CHECK(sqlite3_changes(database) == 1);
+  SPHERULE_CHECK(database.changes() == 1);
   // Rewritten whole: at most 100, a few times in a job's life.
   Statement(database, "DELETE FROM warnings WHERE job = (SELECT seq FROM jobs WHERE id = ?)", job.id).step();
   for (int i = 0; const std::string& sentence_of_warning : job.warnings)
@@ -320,7 +221,7 @@ void write_job(sqlite3* database, const JobRecord& job) {
         .step();
 }
 
-void insert_job(sqlite3* database, const JobRecord& job) {
+void insert_job(Connection& database, const JobRecord& job) {
   Statement(
       database,
       "INSERT INTO jobs (id, kind, result_id, request, client, memory, created, state, stage, progress, requesters,"
@@ -335,13 +236,13 @@ class FileLock {
  public:
   explicit FileLock(const std::filesystem::path& file) {
     descriptor_ = ::open((file.native() + ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-    if (descriptor_ < 0) throw_sqlite(nullptr, errno == ENOSPC ? SQLITE_FULL : SQLITE_CANTOPEN);
+    if (descriptor_ < 0) sqlite::throw_system(errno);
     // A predecessor may be just closing.
     const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
     while (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) {
       if (std::chrono::steady_clock::now() > end) {
         ::close(descriptor_);
-        throw_sqlite(nullptr, SQLITE_BUSY);
+        sqlite::throw_busy();
       }
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
@@ -354,90 +255,123 @@ class FileLock {
   int descriptor_ = -1;
 };
 
-struct Connection {
-  std::optional<FileLock> lock;  // outlives the connection
-  sqlite3* database = nullptr;
-
-  Connection() = default;
-  ~Connection() { sqlite3_close(database); }
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
-
-  void run(const char* script) {
-    const int result = sqlite3_exec(database, script, nullptr, nullptr, nullptr);
-    if (result != SQLITE_OK) throw_sqlite(database, result);
-  }
-
-  std::int64_t number(const char* query) {
-    Statement statement(database, query);
-    return statement.step() ? statement.integer(0) : 0;
-  }
-
-  /// `flags` as of sqlite3_open_v2.
-  void connect(const std::filesystem::path& file, int flags) {
-    const int result = sqlite3_open_v2(file.c_str(), &database, flags | SQLITE_OPEN_NOMUTEX, nullptr);
-    if (result != SQLITE_OK) throw_sqlite(database, result);
-    sqlite3_busy_timeout(database, 5000);  // ms: a backup that reads, or a server that writes beside one
-  }
-
-  void open(const std::filesystem::path& file) {
-    if (file != ":memory:") {
-      if (std::filesystem::is_directory(file)) throw_corrupt();
-      lock.emplace(file);
-    }
-    connect(file, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
-    run("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
-    Statement check(database, "PRAGMA quick_check(1)");
+/// A connection that changes the file, which is made if needed, and that has found it whole.
+class Writer {
+ public:
+  explicit Writer(const std::filesystem::path& file) : lock_(file), connection(file, Connection::Mode::create) {
+    connection.run(
+        "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
+    Statement check(connection, "PRAGMA quick_check(1)");
     if (!check.step() || check.text(0) != "ok") throw_corrupt();
   }
 
   void migrate() {
-    Transaction transaction(database);  // takes the lock, too
-    const std::int64_t version = number("PRAGMA user_version");
-    const bool ours = number("PRAGMA application_id") == application_id ||
-                      (version == 0 && number("SELECT count(*) FROM sqlite_schema") == 0);
+    Transaction transaction(connection);  // takes the lock, too
+    const std::int64_t version = connection.number("PRAGMA user_version");
+    const bool ours = connection.number("PRAGMA application_id") == application_id ||
+                      (version == 0 && connection.number("SELECT count(*) FROM sqlite_schema") == 0);
     if (!ours || version < 0) throw_corrupt();
     if (version > static_cast<std::int64_t>(migrations.size()))
       throw Error(ErrorCode::conflict,
                   "A newer version of this server wrote the data folder; run that version, or choose another folder.");
-    for (std::size_t step = static_cast<std::size_t>(version); step < migrations.size(); ++step) run(migrations[step]);
-    run(("PRAGMA application_id = " + std::to_string(application_id)).c_str());
-    run(("PRAGMA user_version = " + std::to_string(migrations.size())).c_str());
+    for (auto step = static_cast<std::size_t>(version); step < migrations.size(); ++step)
+      connection.run(migrations[step]);
+    connection.run(("PRAGMA application_id = " + std::to_string(application_id)).c_str());
+    connection.run(("PRAGMA user_version = " + std::to_string(migrations.size())).c_str());
     transaction.commit();
   }
-};
 
+ private:
+  FileLock lock_;  // outlives the connection
+
+ public:
+  Connection connection;
+};
 }  // namespace
 
 Time now() { return std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now()); }
 
 std::string_view to_string(JobState state) { return name_of(state_names, state); }
 
-struct Catalog::State : Connection {
-  std::mutex mutex;
+// A write waits for the disk, reads do not wait for writes: they have connections of their own (WAL). What a write has
+// committed, the next read sees.
+struct Catalog::State {
+  explicit State(const std::filesystem::path& file) : writer(file) {
+    writer.migrate();
+    for (std::size_t i = 0; i < reader_count; ++i)
+      resting.push_back(std::make_unique<Connection>(file, Connection::Mode::read));
+  }
+
+  /// The connection that writes, for one thread.
+  class Writing {
+   public:
+    explicit Writing(State& state) : lock_(state.writing), database(state.writer.connection) {}
+
+   private:
+    std::lock_guard<std::mutex> lock_;
+
+   public:
+    Connection& database;
+  };
+
+  /// One of those that read, for one thread.
+  class Reading {
+   public:
+    explicit Reading(State& state) : state_(state), connection_(state.borrow()), database(*connection_) {}
+    ~Reading() {
+      {
+        const std::lock_guard lock(state_.mutex);
+        state_.resting.push_back(std::move(connection_));
+      }
+      state_.returned.notify_one();
+    }
+    Reading(const Reading&) = delete;
+    Reading& operator=(const Reading&) = delete;
+
+   private:
+    State& state_;
+    std::unique_ptr<Connection> connection_;
+
+   public:
+    Connection& database;
+  };
+
+  std::unique_ptr<Connection> borrow() {
+    std::unique_lock lock(mutex);
+    returned.wait(lock, [&] { return !resting.empty(); });
+    std::unique_ptr<Connection> connection = std::move(resting.back());
+    resting.pop_back();
+    return connection;
+  }
+
+  Writer writer;
+  std::mutex writing;
+  std::mutex mutex;  // of what follows
+  std::condition_variable returned;
+  std::vector<std::unique_ptr<Connection>> resting;
 };
 
-Catalog::Catalog(const std::filesystem::path& file) : state_(std::make_unique<State>()) {
+Catalog::Catalog(const std::filesystem::path& file) {
   if (file.has_parent_path()) make_folder(file.parent_path());
-  state_->open(file);
-  state_->migrate();
+  if (std::filesystem::is_directory(file)) throw_corrupt();
+  state_ = std::make_unique<State>(file);
 }
 
 Catalog::~Catalog() = default;
 
 bool Catalog::add(const Resource& resource) {
-  const std::lock_guard lock(state_->mutex);
-  Transaction transaction(state_->database);
-  const bool added = insert_resource(state_->database, resource);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  const bool added = insert_resource(use.database, resource);
   if (added) transaction.commit();
   return added;
 }
 
 std::optional<Resource> Catalog::find(const std::string& id) const {
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE id = ?", id);
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE id = ?", id);
   if (!row.step()) return {};
-  return read_resource(state_->database, row);
+  return read_resource(use.database, row);
 }
 
 namespace {
@@ -465,31 +399,31 @@ std::size_t clamp_limit(std::size_t limit) { return std::clamp<std::size_t>(limi
 
 Page<Resource> Catalog::list(const std::string& collection, const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database,
+  const State::Reading use(*state_);
+  Statement row(use.database,
                 "SELECT " + std::string(resource_columns) +
                     " FROM resources WHERE collection = ? AND seq < ? ORDER BY seq DESC LIMIT ?",
                 collection, parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(state_->database, r); });
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(use.database, r); });
 }
 
 Page<Resource> Catalog::list_all(const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database,
+  const State::Reading use(*state_);
+  Statement row(use.database,
                 "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq < ? ORDER BY seq DESC LIMIT ?",
                 parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(state_->database, r); });
+  return read_page<Resource>(row, limit, [&](const Statement& r) { return read_resource(use.database, r); });
 }
 
 void Catalog::touch(const std::string& id) {
-  const std::lock_guard lock(state_->mutex);
-  touch_with_inputs(state_->database, id, now());
+  const State::Writing use(*state_);
+  touch_with_inputs(use.database, id, now());
 }
 
 std::vector<std::string> Catalog::unused_since(const std::string& collection, Time before, std::size_t limit) const {
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database, "SELECT id FROM resources WHERE collection = ? AND used < ? ORDER BY used LIMIT ?",
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT id FROM resources WHERE collection = ? AND used < ? ORDER BY used LIMIT ?",
                 collection, before, std::uint64_t{limit});
   std::vector<std::string> found;
   while (row.step()) found.push_back(row.text(0));
@@ -501,100 +435,92 @@ std::vector<std::string> Catalog::erase(const std::string& id) {
   constexpr std::string_view doomed =
       "WITH RECURSIVE doomed (seq) AS (SELECT seq FROM resources WHERE id = ?"
       " UNION SELECT i.resource FROM inputs i JOIN doomed d ON i.input = d.seq) ";
-  const std::lock_guard lock(state_->mutex);
-  Transaction transaction(state_->database);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
   std::vector<std::string> keys;
   {
-    Statement blobs(state_->database,
+    Statement blobs(use.database,
                     std::string(doomed) + "SELECT key FROM blobs WHERE resource IN doomed ORDER BY resource, position",
                     id);
     while (blobs.step()) keys.push_back(blobs.text(0));
   }
-  Statement(state_->database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
-  if (sqlite3_changes(state_->database) == 0)
+  Statement(use.database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
+  if (use.database.changes() == 0)
     throw Error(ErrorCode::not_found, "There is nothing under this id; it may have been deleted.");
   transaction.commit();
   return keys;
 }
 
 bool Catalog::owns_blob(const std::string& key) const {
-  const std::lock_guard lock(state_->mutex);
-  return Statement(state_->database, "SELECT 1 FROM blobs WHERE key = ?", key).step();
+  const State::Reading use(*state_);
+  return Statement(use.database, "SELECT 1 FROM blobs WHERE key = ?", key).step();
 }
 
 void Catalog::add_job(const JobRecord& job) {
-  const std::lock_guard lock(state_->mutex);
-  Transaction transaction(state_->database);
-  insert_job(state_->database, job);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  insert_job(use.database, job);
   transaction.commit();
 }
 
 void Catalog::update_job(const JobRecord& job) {
-  const std::lock_guard lock(state_->mutex);
-  Transaction transaction(state_->database);
-  write_job(state_->database, job);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
+  write_job(use.database, job);
   transaction.commit();
 }
 
 bool Catalog::complete_job(const JobRecord& job, const Resource& result) {
-  const std::lock_guard lock(state_->mutex);
-  Transaction transaction(state_->database);
+  const State::Writing use(*state_);
+  Transaction transaction(use.database);
   // A result that is there already is as good: the same id is the same thing.
-  const bool added = insert_resource(state_->database, result);
-  write_job(state_->database, job);
+  const bool added = insert_resource(use.database, result);
+  write_job(use.database, job);
   transaction.commit();
   return added;
 }
 
 std::optional<JobRecord> Catalog::find_job(const std::string& id) const {
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE id = ?", id);
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE id = ?", id);
   if (!row.step()) return {};
-  return read_job(state_->database, row);
+  return read_job(use.database, row);
 }
 
 Page<JobRecord> Catalog::list_jobs(const std::string& cursor, std::size_t limit) const {
   limit = clamp_limit(limit);
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database,
+  const State::Reading use(*state_);
+  Statement row(use.database,
                 "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq < ? ORDER BY seq DESC LIMIT ?",
                 parse_cursor(cursor), std::uint64_t{limit + 1});
-  return read_page<JobRecord>(row, limit, [&](const Statement& r) { return read_job(state_->database, r); });
+  return read_page<JobRecord>(row, limit, [&](const Statement& r) { return read_job(use.database, r); });
 }
 
 std::vector<JobRecord> Catalog::unfinished_jobs() const {
-  const std::lock_guard lock(state_->mutex);
-  Statement row(state_->database,
-                "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
   std::vector<JobRecord> jobs;
-  while (row.step()) jobs.push_back(read_job(state_->database, row));
+  while (row.step()) jobs.push_back(read_job(use.database, row));
   return jobs;
 }
 
 std::size_t Catalog::forget_jobs(Time ended_before) {
-  const std::lock_guard lock(state_->mutex);
-  Statement(state_->database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
-  return static_cast<std::size_t>(sqlite3_changes(state_->database));
+  const State::Writing use(*state_);
+  Statement(use.database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
+  return static_cast<std::size_t>(use.database.changes());
 }
 
 void Catalog::verify() const {
-  const std::lock_guard lock(state_->mutex);
-  Statement whole(state_->database, "PRAGMA integrity_check(1)");
+  const State::Writing use(*state_);
+  Statement whole(use.database, "PRAGMA integrity_check(1)");
   if (!whole.step() || whole.text(0) != "ok") throw_corrupt();
-  if (Statement(state_->database, "PRAGMA foreign_key_check").step()) throw_corrupt();
+  if (Statement(use.database, "PRAGMA foreign_key_check").step()) throw_corrupt();
 }
 
 void copy_catalog(const std::filesystem::path& from, const std::filesystem::path& to) {
   SPHERULE_CHECK(!std::filesystem::exists(to));
-  Connection source, copy;
-  source.connect(from, SQLITE_OPEN_READWRITE);
-  copy.connect(to, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
-  sqlite3_backup* backup = sqlite3_backup_init(copy.database, "main", source.database, "main");
-  if (backup == nullptr) throw_sqlite(copy.database, sqlite3_errcode(copy.database));
-  // All pages in one step: a reader of a write-ahead log holds up nobody.
-  sqlite3_backup_step(backup, -1);
-  const int result = sqlite3_backup_finish(backup);
-  if (result != SQLITE_OK) throw_sqlite(copy.database, result);
+  Connection source(from, Connection::Mode::write), copy(to, Connection::Mode::create);
+  source.copy(copy);
 }
 
 namespace {
@@ -622,30 +548,30 @@ std::size_t read_rows(Connection& source, const char* last_row, const Read& read
 Salvage salvage_catalog(const std::filesystem::path& damaged, const std::filesystem::path& to) {
   SPHERULE_CHECK(!std::filesystem::exists(to));
   const FileLock lock(damaged);
-  Connection source, fresh;
-  source.connect(damaged, SQLITE_OPEN_READWRITE);
+  Connection source(damaged, Connection::Mode::write);
   if (source.number("PRAGMA user_version") != static_cast<std::int64_t>(migrations.size()) ||
       source.number("PRAGMA application_id") != application_id)
     throw_corrupt();
-  fresh.open(to);
-  fresh.migrate();
+  Writer made(to);
+  made.migrate();
+  Connection& fresh = made.connection;
   fresh.run("PRAGMA synchronous = OFF");  // until the end: a crash leaves the damaged file in its place
   Salvage salvage;
   // Point look-ups by row number: a damaged page costs its own rows and no others. Inputs have lower numbers.
   salvage.lost += read_rows(source, "SELECT seq FROM sqlite_sequence WHERE name = 'resources'", [&](std::int64_t seq) {
-    Statement row(source.database, "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq = ?", seq);
+    Statement row(source, "SELECT " + std::string(resource_columns) + " FROM resources WHERE seq = ?", seq);
     if (!row.step()) return;
-    const Resource resource = read_resource(source.database, row);
-    Transaction transaction(fresh.database);
-    salvage.resources += insert_resource(fresh.database, resource, resource.created, resource.used);
+    const Resource resource = read_resource(source, row);
+    Transaction transaction(fresh);
+    salvage.resources += insert_resource(fresh, resource, resource.created, resource.used);
     transaction.commit();
   });
   salvage.lost += read_rows(source, "SELECT seq FROM sqlite_sequence WHERE name = 'jobs'", [&](std::int64_t seq) {
-    Statement row(source.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq = ?", seq);
+    Statement row(source, "SELECT " + std::string(job_columns) + " FROM jobs WHERE seq = ?", seq);
     if (!row.step()) return;
-    const JobRecord job = read_job(source.database, row);
-    Transaction transaction(fresh.database);
-    insert_job(fresh.database, job);
+    const JobRecord job = read_job(source, row);
+    Transaction transaction(fresh);
+    insert_job(fresh, job);
     transaction.commit();
     ++salvage.jobs;
   });

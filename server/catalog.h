@@ -80,14 +80,14 @@ struct Page {
   std::string next;  ///< cursor of the next page; empty on the last one
 };
 
-/// Thread safe: one connection behind a mutex (WAL, synchronous=FULL, foreign keys). Every function may throw corrupt
-/// (the file is damaged), no_space (the disk is full; nothing has changed) and busy (the file is locked).
+/// Thread safe: one connection that writes (WAL, synchronous=FULL, foreign keys) and a few that read, which never wait
+/// for it. A read sees what was written before it began. Every function may throw corrupt (the file is damaged),
+/// no_space (the disk is full; nothing has changed) and busy (the file is locked).
 class Catalog {
  public:
   /// Opens or makes the file, brings its schema up to date and locks it (by `<file>.lock`) for this object until
   /// destroyed or killed; copy_catalog() reads it all the same. Throws busy when it is locked, corrupt when it is no
-  /// catalogue or fails SQLite's check, conflict when a newer version of this program wrote it. ":memory:" gives one
-  /// that is never stored, for tests.
+  /// catalogue or fails SQLite's check, conflict when a newer version of this program wrote it.
   explicit Catalog(const std::filesystem::path& file);
   ~Catalog();
   Catalog(const Catalog&) = delete;

@@ -89,6 +89,7 @@ struct JobPool::State {
   std::deque<std::string> finished;                   // oldest first
   std::size_t running = 0;
   std::uint64_t memory = 0;  // of those that run, as estimated
+  std::map<std::pair<std::string, JobState>, std::uint64_t> ended_so_far;
   bool stopping = false;
   std::vector<std::jthread> workers;
 
@@ -138,10 +139,16 @@ struct JobPool::State {
     if (found != by_result.end() && found->second.get() == &job) by_result.erase(found);
   }
 
+  /// Where all ends pass.
+  void note_end(const Job& job) {
+    ++ended_so_far[{job.record.kind, job.record.state}];
+    if (ended_log) ended_log(job.record);
+  }
+
   /// The catalogue knows already.
   void end(Job& job, JobRecord record) {
     job.record = std::move(record);
-    if (ended_log) ended_log(job.record);
+    note_end(job);
     no_longer_joinable(job);
     announce(job, JobEvent::Type::end);
     finished.push_back(job.record.id);
@@ -169,7 +176,7 @@ struct JobPool::State {
     } catch (const Error& error) {
       record = ended(std::move(record), JobState::failed, JobError{error.code(), error.what()});
       job.record = std::move(record);
-      if (ended_log) ended_log(job.record);
+      note_end(job);
       no_longer_joinable(job);
       announce(job, JobEvent::Type::end);  // and stays in `jobs`, since the catalogue would tell otherwise
     }
@@ -523,7 +530,7 @@ void JobPool::stop(std::chrono::milliseconds grace) {
 
 JobPool::Load JobPool::load() const {
   const std::lock_guard lock(state_->mutex);
-  return {state_->queue.size(), state_->running, state_->memory, state_->stopping};
+  return {state_->queue.size(), state_->running, state_->memory, state_->stopping, state_->ended_so_far};
 }
 
 }  // namespace spherule::server

@@ -9,10 +9,12 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/context.h"
@@ -136,6 +138,7 @@ class JobPool {
     std::size_t queued = 0, running = 0;
     std::uint64_t memory_bytes = 0;  ///< of the running jobs, as estimated
     bool stopping = false;
+    std::map<std::pair<std::string, JobState>, std::uint64_t> ended;  ///< by kind and end, since the pool was made
   };
   [[nodiscard]] Load load() const;
 

@@ -171,6 +171,7 @@ void Listener::State::send_own(const httplib::Request& request, Response&& probl
   if (log) log({id, is_method(request.method) ? request.method : "?", {}, problem.status, 0, {}});
   response.headers.clear();
   response.body.clear();
+  const_cast<httplib::Request&>(request).ranges.clear();
   reply(std::move(problem), {.close = [] {}}, response);
 }
 

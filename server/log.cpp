@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
@@ -105,31 +106,74 @@ std::string trace_of(const api::Request& request) {
   return good ? std::string(text.substr(3, 32)) : std::string();
 }
 
-AppendLog::AppendLog(std::filesystem::path file) : file_(std::move(file)) {
-  if (file_.has_parent_path()) make_folder(file_.parent_path());
-  open();
-  if (descriptor_ < 0) {
+class AppendLog::File {
+ public:
+  explicit File(const std::filesystem::path& path)
+      : descriptor_(::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600)) {}
+  ~File() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+
+  bool usable() const { return descriptor_ >= 0; }
+
+  /// Whether the path still names this file.
+  bool is_at(const std::filesystem::path& path) const {
+    struct stat opened {
+    }, named{};
+    return usable() && ::fstat(descriptor_, &opened) == 0 && ::stat(path.c_str(), &named) == 0 &&
+           opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
+  }
+
+  bool write(std::string_view text) {
+    if (!write_whole(descriptor_, text)) return false;
+    ++written_;
+    return true;
+  }
+
+  /// Returns once all that was written before is on the disk.
+  bool sync() {
+    const std::uint64_t wanted = written_;
+    const std::lock_guard lock(syncing_);
+    if (lost_ >= wanted) return false;
+    if (synced_ >= wanted) return true;
+    const std::uint64_t reached = written_;
+    const bool good = ::fdatasync(descriptor_) == 0;
+    // The kernel tells of a failure once, and forgets what it could not write.
+    (good ? synced_ : lost_) = reached;
+    return good;
+  }
+
+ private:
+  const int descriptor_;
+  std::atomic<std::uint64_t> written_{0};  // lines
+  std::mutex syncing_;
+  std::uint64_t synced_ = 0, lost_ = 0;  // up to which of them
+};
+
+AppendLog::AppendLog(std::filesystem::path path) : path_(std::move(path)) {
+  if (path_.has_parent_path()) make_folder(path_.parent_path());
+  if (!current()->usable()) {
     throw Error(ErrorCode::corrupt, "The audit log cannot be written; check its folder and its permissions.");
   }
 }
 
-AppendLog::~AppendLog() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-}
+AppendLog::~AppendLog() = default;
 
-void AppendLog::open() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-  descriptor_ = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+std::shared_ptr<AppendLog::File> AppendLog::current() {
+  if (!file_ || !file_->is_at(path_)) file_ = std::make_shared<File>(path_);
+  return file_;
 }
 
 bool AppendLog::append(const LogLine& line, bool durable) {
-  const std::lock_guard lock(mutex_);
-  struct stat opened {
-  }, named{};
-  const bool same = descriptor_ >= 0 && ::fstat(descriptor_, &opened) == 0 && ::stat(file_.c_str(), &named) == 0 &&
-                    opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
-  if (!same) open();
-  return descriptor_ >= 0 && write_whole(descriptor_, line.text()) && (!durable || ::fdatasync(descriptor_) == 0);
+  std::shared_ptr<File> file;
+  {
+    const std::lock_guard lock(mutex_);
+    file = current();
+    if (!file->usable() || !file->write(line.text())) return false;
+  }
+  return !durable || file->sync();
 }
 
 }  // namespace spherule::server

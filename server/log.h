@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <string_view>
@@ -46,20 +47,23 @@ std::string trace_of(const api::Request& request);
 class AppendLog {
  public:
   /// Opens or makes the file. Throws corrupt when that cannot be.
-  explicit AppendLog(std::filesystem::path file);
+  explicit AppendLog(std::filesystem::path path);
   ~AppendLog();
   AppendLog(const AppendLog&) = delete;
   AppendLog& operator=(const AppendLog&) = delete;
 
-  /// Appends in one write(2); with `durable`, returns once the line is on the disk. False when it could not.
+  /// Appends in one write(2); with `durable`, returns once the line is on the disk. False when it could not. Lines that
+  /// need not be durable do not wait for those that do, and these go to the disk together.
   bool append(const LogLine& line, bool durable);
 
  private:
-  void open();
+  class File;
+  /// Also after a rotation, for whoever still has lines in it to make durable.
+  std::shared_ptr<File> current();
 
-  const std::filesystem::path file_;
+  const std::filesystem::path path_;
   std::mutex mutex_;
-  int descriptor_ = -1;
+  std::shared_ptr<File> file_;
 };
 
 }  // namespace spherule::server

@@ -552,6 +552,12 @@ std::vector<api::Metric> Pipeline::metrics() {
                  "Jobs that are not over.",
                  {{"", {{"state", "queued"}}, static_cast<double>(load.queued)},
                   {"", {{"state", "running"}}, static_cast<double>(load.running)}}});
+  api::Metric ended{"spherule_jobs_ended_total", "counter", "Jobs that are over, by how they ended.", {}};
+  for (const auto& [what, count] : load.ended) {
+    ended.samples.push_back(
+        {"", {{"kind", what.first}, {"state", std::string(to_string(what.second))}}, static_cast<double>(count)});
+  }
+  all.push_back(std::move(ended));
   all.push_back(
       gauge("spherule_disk_free_bytes", "What can still be stored.", static_cast<double>(s.blobs.free_bytes())));
   for (auto& metric : metrics_of("model", s.cache.stats())) all.push_back(std::move(metric));

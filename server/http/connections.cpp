@@ -116,13 +116,23 @@ ssize_t Connection::write(const char* from, std::size_t size) {
     from += with;
     size -= with;
   }
-  return flush() && send(from, size, file, file_offset_) ? count : -1;
+  const bool sent =
+      file < 0 ? flush() && send(from, size, false) : flush(size > 0) && send_file(file, file_offset_, size);
+  return sent ? count : -1;
 }
 
-bool Connection::send(const char* from, std::size_t size, int file, std::uint64_t offset) {
+bool Connection::send(const char* from, std::size_t size, bool more) {
+  return send_all(size, [&](std::size_t done) { return transport_->write(from + done, size - done, more); });
+}
+
+bool Connection::send_file(int file, std::uint64_t offset, std::size_t size) {
+  return send_all(size, [&](std::size_t done) { return transport_->write_file(file, offset + done, size - done); });
+}
+
+template <typename Write>
+bool Connection::send_all(std::size_t size, Write&& write) {
   for (std::size_t done = 0; done < size;) {
-    const ssize_t n = file < 0 ? transport_->write(from + done, size - done)
-                               : transport_->write_file(file, offset + done, size - done);
+    const ssize_t n = write(done);
     if (n > 0) {
       done += static_cast<std::size_t>(n);
       moved_ += static_cast<std::uint64_t>(n);
@@ -134,9 +144,9 @@ bool Connection::send(const char* from, std::size_t size, int file, std::uint64_
   return true;
 }
 
-bool Connection::flush() {
+bool Connection::flush(bool more) {
   const std::string text = std::exchange(held_, {});
-  return send(text.data(), text.size(), -1, 0);
+  return send(text.data(), text.size(), more);
 }
 
 void Connection::get_remote_ip_and_port(std::string& ip, int& port) const {
@@ -228,7 +238,7 @@ struct Connections::State {
   void refuse(Connection& connection, int status) {
     // At once or not at all: nobody waits for who has been too slow.
     const std::string text = refusal(status);
-    connection.transport_->write(text.data(), text.size());
+    connection.transport_->write(text.data(), text.size(), false);
   }
 
   // The watcher's thread: something has arrived, or the peer has closed.

@@ -58,8 +58,11 @@ class Connection final : public httplib::Stream {
   Arrival receive(std::size_t head_bytes);
   // Waits for what `want` says. False when that takes too long, or the listener stops.
   bool wait(ssize_t want);
-  bool send(const char* from, std::size_t size, int file, std::uint64_t offset);
-  bool flush();
+  bool send(const char* from, std::size_t size, bool more);
+  bool send_file(int file, std::uint64_t offset, std::size_t size);
+  template <typename Write>
+  bool send_all(std::size_t size, Write&& write);
+  bool flush(bool more = false);
 
   std::unique_ptr<Transport> transport_;
   Common& common_;

@@ -35,7 +35,7 @@ class TlsTransport final : public Transport {
   ssize_t read(char* into, std::size_t size) override {
     return result([&] { return SSL_read(tls_.get(), into, most(size)); });
   }
-  ssize_t write(const char* from, std::size_t size) override {
+  ssize_t write(const char* from, std::size_t size, bool /*more*/) override {
     return result([&] { return SSL_write(tls_.get(), from, most(size)); });
   }
 

@@ -28,8 +28,8 @@ class PlainTransport final : public Transport {
   ssize_t read(char* into, std::size_t size) override {
     return result([&] { return ::recv(socket_, into, size, 0); }, want_read);
   }
-  ssize_t write(const char* from, std::size_t size) override {
-    return result([&] { return ::send(socket_, from, size, MSG_NOSIGNAL); }, want_write);
+  ssize_t write(const char* from, std::size_t size, bool more) override {
+    return result([&] { return ::send(socket_, from, size, MSG_NOSIGNAL | (more ? MSG_MORE : 0)); }, want_write);
   }
   ssize_t write_file(int file, std::uint64_t offset, std::size_t size) override {
     auto at = static_cast<off_t>(offset);
@@ -56,7 +56,7 @@ class PlainTransport final : public Transport {
 ssize_t Transport::write_file(int file, std::uint64_t offset, std::size_t size) {
   std::vector<char> piece(std::min<std::size_t>(size, 1 << 16));
   const ssize_t n = ::pread(file, piece.data(), piece.size(), static_cast<off_t>(offset));
-  return n > 0 ? write(piece.data(), static_cast<std::size_t>(n)) : broken;
+  return n > 0 ? write(piece.data(), static_cast<std::size_t>(n), false) : broken;
 }
 
 std::unique_ptr<Transport> plain_transport(int socket) { return std::make_unique<PlainTransport>(socket); }

@@ -26,8 +26,8 @@ class Transport {
   virtual int socket() const = 0;
   /// Bytes read, 0 at the end of the connection, or one of the above.
   virtual ssize_t read(char* into, std::size_t size) = 0;
-  /// Bytes written, more than 0, or one of the above.
-  virtual ssize_t write(const char* from, std::size_t size) = 0;
+  /// Bytes written, more than 0, or one of the above. `more` says that others follow at once, with which they may go.
+  virtual ssize_t write(const char* from, std::size_t size, bool more) = 0;
   /// As write(), with bytes of a file from `offset` on. This one reads them and writes them.
   virtual ssize_t write_file(int file, std::uint64_t offset, std::size_t size);
 

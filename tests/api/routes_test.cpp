@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/problem.h"
+#include "api/requests.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"
 
@@ -748,7 +749,10 @@ TEST_F(Routes, ServeRangesOfContent) {
   EXPECT_EQ(part("bytes=-3", 206, 7, 3), "bytes 7-9/10");
   EXPECT_EQ(part("bytes=-99", 206, 0, 10), "bytes 0-9/10");
   EXPECT_EQ(part("bytes=9-18446744073709551615", 206, 9, 1), "bytes 9-9/10");
-  for (const char* ignored : {"items=0-3", "bytes=0-1,3-4", "bytes=5-2", "bytes=x-", "bytes=-", "bytes"}) {
+  EXPECT_EQ(part("bytes=0-3,,", 206, 0, 4), "bytes 0-3/10");
+  EXPECT_EQ(part("bytes=12-, 9-", 206, 9, 1), "bytes 9-9/10");
+  for (const char* ignored :
+       {"items=0-3", "bytes=0-7,3-", "bytes=0-1,x", "bytes=5-2", "bytes=x-", "bytes=-", "bytes", "bytes="}) {
     EXPECT_EQ(part(ignored, 200, 0, 10), "") << ignored;
   }
   for (const char* outside : {"bytes=10-", "bytes=10-11", "bytes=-0", "bytes=18446744073709551615-"}) {
@@ -759,6 +763,49 @@ TEST_F(Routes, ServeRangesOfContent) {
   const std::string etag = "\"" + std::string(64, 'e') + "\"";
   EXPECT_EQ(ask("GET", path, {.headers = {{"Range", "bytes=0-3"}, {"If-Range", etag}}}).status, 206);
   EXPECT_EQ(ask("GET", path, {.headers = {{"Range", "bytes=0-3"}, {"If-Range", "\"old\""}}}).status, 200);
+}
+
+TEST_F(Routes, ServeSeveralRangesAsMultipart) {
+  const std::string path = "/v1/volumes/" + kVolume + "/content";
+  const std::string boundary(64, 'e');
+  const Response response = ask("GET", path, {.headers = {{"Range", "bytes=0-1, 4-6,20-,-1"}}});
+  EXPECT_EQ(response.status, 206);
+  EXPECT_EQ(response.header("Content-Type"), "multipart/byteranges; boundary=" + boundary);
+  EXPECT_EQ(response.header("Content-Range"), "");
+  std::string expected;
+  for (const auto& [range, bytes] : {std::pair("0-1", "01"), {"4-6", "456"}, {"9-9", "9"}}) {
+    expected += "\r\n--" + boundary + "\r\nContent-Type: application/octet-stream\r\nContent-Range: bytes " + range +
+                "/10\r\n\r\n" + bytes;
+  }
+  expected += "\r\n--" + boundary + "--\r\n";
+  const auto& content = std::get<api::ContentPart>(response.body);
+  EXPECT_EQ(content.offset, 0U);
+  ASSERT_EQ(content.length, expected.size());
+  // Whatever the pieces in which it is fetched.
+  for (const std::size_t step : {std::size_t{1}, std::size_t{7}, std::size_t{64}, expected.size() + 9}) {
+    std::string all, piece(step, '\0');
+    while (const std::size_t n = content.content.read_at(all.size(), piece)) all.append(piece, 0, n);
+    EXPECT_EQ(all, expected) << step;
+  }
+  // One more than is answered so.
+  std::string many = "bytes=0-0";
+  for (std::size_t i = 1; i < api::kMostRanges; ++i) many += ",100-";
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", many}}}).status, 206);
+  EXPECT_EQ(ask("GET", path, {.headers = {{"Range", many + ",1-1"}}}).status, 200);
+}
+
+TEST_F(Routes, RefuseZeroBytesInNames) {
+  const std::vector<std::pair<std::string, std::string>> requests = {
+      {"/v1/models/" + kModel + "/simplifications", R"({"method": "median", "\u0000": "x"})"},
+      {"/v1/models", R"({"volume": "x", "a\u0000b": 1})"}};
+  for (const auto& [path, body] : requests) {
+    const Response response = ask("POST", path, {.body = body});
+    EXPECT_EQ(response.status, 400) << path;
+    EXPECT_NE(
+        std::get<std::string>(response.body).find("has a field with a zero byte in its name; send no such field."),
+        std::string::npos)
+        << path;
+  }
 }
 
 TEST_F(Routes, Delete) {

@@ -22,7 +22,7 @@ median() { sort -g | awk '{ v[NR] = $1 } END { print NR % 2 ? v[(NR + 1) / 2] : 
 ms() { awk "BEGIN { print 1000 * $1 }"; }
 
 : >"$folder/out"
-"$server" --port 0 --data "$folder/data" --queue-length 200000 >"$folder/out" 2>"$folder/log" &
+"$server" --port 0 --data "$folder/data" --queue-length 200000 --queue-per-client 200000 >"$folder/out" 2>"$folder/log" &
 pids+=($!)
 for ((i = 0; i < 100; ++i)); do
   ours=$(sed -n 's/^Spherule listens on //p' "$folder/out")
@@ -107,5 +107,5 @@ wait $submitter
 printf 'cached metadata while 64 clients submit: '
 awk '$1 == "50%" || $1 == "99%" { printf "%s %s  ", $1, $2 } /^Requests\/sec/ { print $2, "requests/s" }' "$folder/meta.under"
 printf 'submitted: '
-awk '/^Requests\/sec/ { print $2, "requests/s" } /Non-2xx/ { print }' "$folder/submitted"
+awk '/^Requests\/sec/ { print $2, "requests/s" } /Non-2xx/ { print; refused = 1 } END { exit refused }' "$folder/submitted"
 awk '/^VmHWM|^Threads/ { print $1, $2, $3 }' "/proc/${pids[0]}/status"

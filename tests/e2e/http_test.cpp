@@ -2,11 +2,11 @@
 //
 // HTTP itself: framing, encodings, limits, and clients that misbehave.
 #include <gtest/gtest.h>
-#include <zlib.h>
 
 #include <chrono>
 #include <thread>
 
+#include "tests/archives.h"
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
 
@@ -14,34 +14,6 @@ namespace spherule::test {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-std::string gzip(const std::string& bytes) {
-  z_stream stream{};
-  EXPECT_EQ(deflateInit2(&stream, 6, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY), Z_OK);
-  std::string out(deflateBound(&stream, bytes.size()), '\0');
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
-  stream.avail_in = static_cast<uInt>(bytes.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data());
-  stream.avail_out = static_cast<uInt>(out.size());
-  EXPECT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
-  out.resize(stream.total_out);
-  deflateEnd(&stream);
-  return out;
-}
-
-std::string gunzip(const std::string& bytes) {
-  z_stream stream{};
-  EXPECT_EQ(inflateInit2(&stream, 16 + MAX_WBITS), Z_OK);
-  std::string out(bytes.size() * 100 + 1000, '\0');
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
-  stream.avail_in = static_cast<uInt>(bytes.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data());
-  stream.avail_out = static_cast<uInt>(out.size());
-  EXPECT_EQ(inflate(&stream, Z_FINISH), Z_STREAM_END);
-  out.resize(stream.total_out);
-  inflateEnd(&stream);
-  return out;
-}
 
 // RFC 8878, with blocks of type 0 (the bytes as they are) or 1 (one byte, `size` times).
 std::string zstd_block(const std::string& content, unsigned type, std::size_t size, bool last) {
@@ -72,6 +44,31 @@ class Http : public testing::Test {
   Client client{server.port()};
   const std::string raw = "/v1/volumes?format=raw&dims=24,24,24&dtype=uint8";
 };
+
+TEST_F(Http, SendsSeveralRangesAtOnce) {
+  const std::string bytes = ball(24, 11.5);
+  const std::string path = "/v1/volumes/" + client.upload(raw.substr(raw.find('?')), bytes) + "/content";
+  const Answer whole = client.get(path);
+  const Answer parts = client.get(path, {.headers = {{"Range", "bytes=0-9,5000-12999,-1"}}});
+  EXPECT_EQ(parts.status, 206);
+  const std::string type = parts.header("Content-Type");
+  ASSERT_TRUE(type.starts_with("multipart/byteranges; boundary=")) << type;
+  const std::string mark = "\r\n--" + type.substr(type.find('=') + 1);
+  std::string expected;
+  for (const auto& [from, to] : {std::pair(0, 9), {5000, 12999}, {13823, 13823}}) {
+    expected += mark + "\r\nContent-Type: application/octet-stream\r\nContent-Range: bytes " + std::to_string(from) +
+                "-" + std::to_string(to) + "/13824\r\n\r\n" + bytes.substr(from, to - from + 1);
+  }
+  EXPECT_EQ(parts.body, expected + mark + "--\r\n");
+  EXPECT_EQ(client.get(path, {.headers = {{"Range", "bytes=0-9999,0-9999"}}}).body, whole.body);
+  // A method that is none here, with a Range that would fit: the problem comes whole.
+  const std::string refused = client.raw("TRACE " + path + " HTTP/1.1\r\nHost: s\r\nRange: bytes=0-9999\r\n\r\n");
+  const std::size_t body = refused.find("\r\n\r\n");
+  ASSERT_NE(body, refused.npos) << refused;
+  EXPECT_TRUE(refused.starts_with("HTTP/1.1 405 ")) << refused;
+  EXPECT_NE(refused.find("Content-Length: " + std::to_string(refused.size() - body - 4) + "\r\n"), refused.npos)
+      << refused;
+}
 
 TEST_F(Http, UnpacksGzipBodies) {
   const std::string bytes = ball(24, 11.5), packed = gzip(bytes);

@@ -90,9 +90,15 @@ void ServerProcess::kill() {
   pid_ = -1;
 }
 
+void ServerProcess::ask_to_stop() { ::kill(pid_, SIGTERM); }
+
 int ServerProcess::terminate() {
+  ask_to_stop();
+  return await_end();
+}
+
+int ServerProcess::await_end() {
   int status = 0;
-  ::kill(pid_, SIGTERM);
   ::waitpid(pid_, &status, 0);
   pid_ = -1;
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;

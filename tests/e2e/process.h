@@ -45,7 +45,11 @@ class ServerProcess {
   pid_t pid() const { return pid_; }
   /// SIGKILL, and waits for the end.
   void kill();
-  /// SIGTERM; the exit status.
+  /// SIGTERM.
+  void ask_to_stop();
+  /// The exit status; -1 when a signal ended it.
+  int await_end();
+  /// ask_to_stop() and await_end().
   int terminate();
   /// All that it has logged so far.
   std::string log() const;

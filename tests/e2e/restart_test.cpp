@@ -42,6 +42,45 @@ TEST(Restart, FindsEverythingAgain) {
   EXPECT_EQ(client.get(path + "/checks").json()["violations"], 0);
 }
 
+TEST(Restart, SaysThatItStopsAndKeepsWhatItCannotFinish) {
+  const TemporaryFolder folder;
+  auto server = std::make_unique<ServerProcess>(folder.path() / "data", std::vector<std::string>{"--drain", "2s"});
+  std::string volume, job;
+  {
+    const Client client(server->port());
+    // Noise: as many boundary points as samples, and more work than there is time.
+    std::string noise(100 * 100 * 100, '\0');
+    std::uint32_t state = 1;
+    for (char& sample : noise) sample = static_cast<char>((state = state * 1664525U + 1013904223U) >> 24);
+    volume = client.upload("?format=raw&dims=100,100,100&dtype=uint8", noise);
+    const Answer asked = client.post("/v1/models", {.body = Json{{"volume", volume}, {"threshold", 99}}.dump()});
+    ASSERT_EQ(asked.status, 202) << asked.body;
+    job = asked.header("Location");
+    while (client.get(job).json()["state"] != "running") {
+    }
+    server->ask_to_stop();
+    Answer ready = client.get("/readyz");
+    while (ready.status == 200) ready = client.get("/readyz");
+    EXPECT_EQ(ready.status, 503);
+    EXPECT_NE(ready.body.find("is stopping"), std::string::npos) << ready.body;
+    // It goes on answering, but takes no more work.
+    EXPECT_EQ(client.get("/livez").status, 200);
+    EXPECT_EQ(client.get("/v1/volumes/" + volume).status, 200);
+    EXPECT_EQ(client.get(job).status, 200);
+    const Answer refused = client.post("/v1/models", {.body = Json{{"volume", volume}, {"threshold", 98}}.dump()});
+    EXPECT_EQ(refused.status, 503);
+    EXPECT_NE(refused.header("Retry-After"), "");
+  }
+  EXPECT_EQ(server->await_end(), 0);
+  EXPECT_NE(server->log().find("\"event\":\"stopped\""), std::string::npos);
+
+  server = std::make_unique<ServerProcess>(folder.path() / "data");
+  const Client client(server->port());
+  const std::string state = client.get(job).json()["state"];
+  EXPECT_TRUE(state == "queued" || state == "running") << state;
+  EXPECT_EQ(client.post(job + "/cancel").status, 202);
+}
+
 TEST(Restart, IsRefusedToASecondServer) {
   const TemporaryFolder folder;
   const ServerProcess server(folder.path() / "data");

@@ -2,10 +2,10 @@
 //
 // Large files: in pieces, over restarts, in archives, within limits.
 #include <gtest/gtest.h>
-#include <zlib.h>
 
 #include <memory>
 
+#include "tests/archives.h"
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
 
@@ -91,44 +91,11 @@ TEST_F(Uploads, RefuseWhatIsTooLarge) {
 }
 
 TEST_F(Uploads, UnpackZipArchives) {
-  // `printf …` of two files, stored; made by hand in tests/server/archive_test.cpp's way.
   const std::string header =
       "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nDimSize = 24 24 24\n"
       "ElementSpacing = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = Doe_Jane.raw\n";
   const std::string samples = ball(24, 11.5);
-  const std::vector<std::pair<std::string, std::string>> files = {{"Doe/Doe_Jane.mhd", header},
-                                                                  {"Doe/Doe_Jane.raw", samples}};
-  const auto zip = [](const std::vector<std::pair<std::string, std::string>>& entries) {
-    std::string out, directory;
-    const auto put = [](std::string& to, std::uint64_t value, int bytes) {
-      for (int i = 0; i < bytes; ++i) to += static_cast<char>(value >> (8 * i) & 0xff);
-    };
-    for (const auto& [name, bytes] : entries) {
-      std::string shared;
-      put(shared, 20, 2);
-      put(shared, 0, 2 + 2 + 4);
-      put(shared, crc32(0, reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uInt>(bytes.size())), 4);
-      put(shared, bytes.size(), 4);
-      put(shared, bytes.size(), 4);
-      put(shared, name.size(), 4);
-      directory += "PK\x01\x02";
-      put(directory, 20, 2);
-      directory += shared;
-      put(directory, 0, 6 + 4);
-      put(directory, out.size(), 4);
-      directory += name;
-      out += "PK\x03\x04" + shared + name + bytes;
-    }
-    const std::size_t start = out.size();
-    out += directory + "PK\x05\x06";
-    put(out, 0, 4);
-    put(out, entries.size(), 2);
-    put(out, entries.size(), 2);
-    put(out, directory.size(), 4);
-    put(out, start, 4);
-    put(out, 0, 2);
-    return out;
-  };
+  const std::vector<ZipEntry> files = {{"Doe/Doe_Jane.mhd", header}, {"Doe/Doe_Jane.raw", samples}};
   const Answer made = client().post("/v1/volumes", {.body = zip(files), .type = "application/zip"});
   ASSERT_EQ(made.status, 201) << made.body;
   EXPECT_EQ(made.json()["format"], "metaimage");
@@ -172,8 +139,9 @@ TEST_F(Uploads, OfPagesOfOtherOrigins) {
 }
 
 TEST_F(Uploads, AreSeenInTheMetrics) {
-  client().post("/v1/volumes?" + raw, {.body = ball(24, 11.5)});
+  const Answer volume = client().post("/v1/volumes?" + raw, {.body = ball(24, 11.5)});
   client().get("/v1/volumes/none");
+  client().model({{"volume", volume.json()["id"]}, {"threshold", 99}});
   const std::string text = client().get("/metrics").body;
   EXPECT_NE(text.find("spherule_http_requests_total{method=\"POST\",route=\"/v1/volumes\",status=\"201\"} 1\n"),
             std::string::npos)
@@ -182,6 +150,7 @@ TEST_F(Uploads, AreSeenInTheMetrics) {
   EXPECT_NE(text.find("spherule_http_request_duration_seconds_bucket{route=\"/v1/volumes\",le=\"+Inf\"} 1\n"),
             std::string::npos);
   EXPECT_NE(text.find("spherule_jobs{state=\"running\"} 0\n"), std::string::npos);
+  EXPECT_NE(text.find("spherule_jobs_ended_total{kind=\"model\",state=\"succeeded\"} 1\n"), std::string::npos) << text;
   EXPECT_EQ(text.find("vol_"), std::string::npos) << "no ids in labels";
 }
 

@@ -29,7 +29,7 @@ only_in cpp-httplib 'httplib\.h' '^server/listener\.cpp$|^server/http/|^tests/e2
 only_in libarchive 'archive(_entry)?\.h' '^server/archive\.cpp$'
 only_in zstd 'zstd\.h' '^server/http/encoding\.cpp$|^tests/e2e/'
 only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
-only_in SQLite 'sqlite3\.h' '^server/catalog\.cpp$|^tests/server/'
+only_in SQLite 'sqlite3\.h' '^server/sqlite\.cpp$|^tests/server/'
 only_in CGAL 'CGAL/' '^core/(delaunay|enclosing|plane_delaunay|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'
 only_in Embree 'embree' '^core/render/\w+\.cpp$'
 only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'

@@ -19,7 +19,7 @@ using test::error_of;
 
 class Admission : public testing::Test {
  protected:
-  Catalog catalog{":memory:"};
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
   std::mutex mutex;
   std::condition_variable_any changed;

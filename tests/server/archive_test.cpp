@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
-#include <zlib.h>
 
 #include <filesystem>
 #include <fstream>
@@ -11,71 +10,12 @@
 
 #include "core/base/error.h"
 #include "server/digest.h"
+#include "tests/archives.h"
 
 namespace spherule::server {
 namespace {
 
-struct Entry {
-  std::string name, bytes;
-  bool deflated = false;
-  std::uint32_t mode = 0100644;  // of Unix
-  std::uint16_t flags = 0x0800;  // names are UTF-8
-};
-
-void put(std::string& out, std::uint64_t value, int bytes) {
-  for (int i = 0; i < bytes; ++i) out += static_cast<char>(value >> (8 * i) & 0xff);
-}
-
-std::string deflate_raw(const std::string& bytes) {
-  z_stream stream{};
-  EXPECT_EQ(deflateInit2(&stream, 9, Z_DEFLATED, -MAX_WBITS, 8, Z_DEFAULT_STRATEGY), Z_OK);
-  std::string out(deflateBound(&stream, bytes.size()), '\0');
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
-  stream.avail_in = static_cast<uInt>(bytes.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data());
-  stream.avail_out = static_cast<uInt>(out.size());
-  EXPECT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
-  out.resize(stream.total_out);
-  deflateEnd(&stream);
-  return out;
-}
-
-// By APPNOTE.TXT: local headers with the data, then the directory, then its end.
-std::string zip(const std::vector<Entry>& entries) {
-  std::string out, directory;
-  for (const Entry& entry : entries) {
-    const std::string data = entry.deflated ? deflate_raw(entry.bytes) : entry.bytes;
-    const auto crc =
-        crc32(0, reinterpret_cast<const Bytef*>(entry.bytes.data()), static_cast<uInt>(entry.bytes.size()));
-    std::string shared;
-    put(shared, 20, 2);
-    put(shared, entry.flags, 2);
-    put(shared, entry.deflated ? 8 : 0, 2);
-    put(shared, 0, 4);
-    put(shared, crc, 4);
-    put(shared, data.size(), 4);
-    put(shared, entry.bytes.size(), 4);
-    put(shared, entry.name.size(), 2);
-    put(shared, 0, 2);
-    directory += "PK\x01\x02";
-    put(directory, 0x0314, 2);  // made on Unix
-    directory += shared;
-    put(directory, 0, 2 + 2 + 2);
-    put(directory, static_cast<std::uint64_t>(entry.mode) << 16, 4);
-    put(directory, out.size(), 4);
-    directory += entry.name;
-    out += "PK\x03\x04" + shared + entry.name + data;
-  }
-  const std::size_t start = out.size();
-  out += directory + std::string("PK\x05\x06");
-  put(out, 0, 4);
-  put(out, entries.size(), 2);
-  put(out, entries.size(), 2);
-  put(out, directory.size(), 4);
-  put(out, start, 4);
-  put(out, 0, 2);
-  return out;
-}
+using test::zip;
 
 class Archive : public testing::Test {
  protected:
@@ -124,6 +64,7 @@ TEST_F(Archive, RefusesNamesThatLeaveTheFolder) {
     EXPECT_EQ(refusal(zip({{name, "x"}})), ErrorCode::invalid_argument) << name;
   }
   EXPECT_EQ(refusal(zip({{"a..b/..c", "x"}})), std::nullopt);
+  EXPECT_EQ(refusal(zip({{"", "x"}})), ErrorCode::invalid_argument) << "found by fuzz_archive";
   EXPECT_EQ(refusal(zip({{"link", "/etc/passwd", false, 0120777}})), ErrorCode::invalid_argument);
 }
 

@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <fstream>
+#include <future>
 #include <limits>
+#include <thread>
 
 #include "tests/server/doubles.h"
 
@@ -73,8 +75,52 @@ TEST(Catalog, KeepsResourcesOverAReopening) {
   EXPECT_FALSE(catalog.find("mdl_2"));
 }
 
+TEST(Catalog, ReadsDoNotWaitForWrites) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "catalog.sqlite";
+  Catalog catalog(file);
+  catalog.add(resource("vol_1", "volumes"));
+  sqlite3* other = nullptr;
+  ASSERT_EQ(sqlite3_open(file.c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  auto added = std::async(std::launch::async, [&] { return catalog.add(resource("vol_2", "volumes")); });
+  // The write gives up after seconds: it must not have when all these are done.
+  for (int i = 0; i < 1000; ++i) {
+    EXPECT_TRUE(catalog.find("vol_1"));
+    EXPECT_FALSE(catalog.find("vol_2"));
+    EXPECT_EQ(catalog.list("volumes", "", 5).items.size(), 1U);
+  }
+  EXPECT_EQ(added.wait_for(std::chrono::seconds(0)), std::future_status::timeout);
+  ASSERT_EQ(sqlite3_exec(other, "ROLLBACK", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(other);
+  EXPECT_TRUE(added.get());
+  EXPECT_TRUE(catalog.find("vol_2"));
+}
+
+TEST(Catalog, EveryThreadReadsWhatItHasWritten) {
+  test::ScratchCatalog catalog;
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&catalog, t] {
+      for (int i = 0; i < 50; ++i) {
+        const std::string id = std::to_string(t) + "-" + std::to_string(i);
+        EXPECT_TRUE(catalog.add(resource(id, id, {}, {"blob of " + id})));
+        const auto found = catalog.find(id);
+        ASSERT_TRUE(found) << id;
+        EXPECT_EQ(found->blobs, std::vector{"blob of " + id});
+        EXPECT_EQ(catalog.list(id, "", 2).items.size(), 1U);
+        if (i % 2 == 0) {
+          EXPECT_EQ(catalog.erase(id), std::vector{"blob of " + id});
+        }
+        EXPECT_EQ(catalog.find(id).has_value(), i % 2 == 1);
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+}
+
 TEST(Catalog, TextIsNeverRead) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   const std::string hostile = "'); DROP TABLE resources; -- \" \xff\xfe % _ \n";
   EXPECT_TRUE(catalog.add(resource(hostile, hostile, {}, {hostile})));
   EXPECT_EQ(catalog.find(hostile)->blobs, std::vector{hostile});
@@ -83,13 +129,13 @@ TEST(Catalog, TextIsNeverRead) {
 }
 
 TEST(Catalog, RefusesResourcesWhoseInputsAreGone) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   EXPECT_EQ(error_of([&] { catalog.add(resource("mdl_1", "models", {"vol_1"})); }), ErrorCode::conflict);
   EXPECT_FALSE(catalog.find("mdl_1"));
 }
 
 TEST(Catalog, ErasingTakesEverythingDerivedAlong) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   catalog.add(resource("vol_1", "volumes", {}, {"v1"}));
   catalog.add(resource("vol_2", "volumes", {}, {"v2"}));
   catalog.add(resource("mdl_1", "models", {"vol_1"}, {"m1"}));
@@ -107,7 +153,7 @@ TEST(Catalog, ErasingTakesEverythingDerivedAlong) {
 }
 
 TEST(Catalog, PagesAreStableWhileRowsComeAndGo) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   for (int i = 0; i < 10; ++i) catalog.add(resource("m" + std::to_string(i)));
   catalog.add(resource("v", "volumes"));
   const auto first = catalog.list("models", "", 4);
@@ -127,7 +173,7 @@ TEST(Catalog, PagesAreStableWhileRowsComeAndGo) {
 }
 
 TEST(Catalog, RefusesForeignCursors) {
-  const Catalog catalog(":memory:");
+  const test::ScratchCatalog catalog;
   for (const char* cursor : {"x", "0", "-3", "1x", " 1", "99999999999999999999", "1;"}) {
     EXPECT_EQ(error_of([&] { (void)catalog.list("models", cursor, 5); }), ErrorCode::invalid_argument) << cursor;
     EXPECT_EQ(error_of([&] { (void)catalog.list_jobs(cursor, 5); }), ErrorCode::invalid_argument) << cursor;
@@ -183,7 +229,7 @@ TEST(Catalog, KeepsAllOfAJob) {
 }
 
 TEST(Catalog, ListsUnfinishedJobsOldestFirst) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   for (const char* id : {"a", "b", "c"}) catalog.add_job(job(id));
   JobRecord over = job("b");
   over.state = JobState::cancelled;
@@ -196,7 +242,7 @@ TEST(Catalog, ListsUnfinishedJobsOldestFirst) {
 }
 
 TEST(Catalog, AResultAndItsJobAreOneTransaction) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   catalog.add(resource("vol_1", "volumes"));
   catalog.add_job(job("j"));
   JobRecord done = job("j");
@@ -244,6 +290,88 @@ TEST(Catalog, SaysWhenAFileIsNoCatalogue) {
   EXPECT_EQ(error_of([&] { Catalog c(folder.path() / "folder"); }), ErrorCode::corrupt);
 }
 
+// A dump of what version 1 wrote.
+constexpr const char* kVersion1 = R"sql(
+CREATE TABLE resources (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, collection TEXT NOT NULL, created INTEGER NOT NULL,
+  request TEXT NOT NULL, document TEXT NOT NULL, bytes INTEGER NOT NULL) STRICT;
+CREATE INDEX resources_by_collection ON resources (collection, seq);
+CREATE TABLE inputs (
+  resource INTEGER NOT NULL REFERENCES resources (seq) ON DELETE CASCADE, position INTEGER NOT NULL,
+  input INTEGER NOT NULL REFERENCES resources (seq), PRIMARY KEY (resource, position)) STRICT, WITHOUT ROWID;
+CREATE INDEX inputs_by_input ON inputs (input);
+CREATE TABLE blobs (
+  resource INTEGER NOT NULL REFERENCES resources (seq) ON DELETE CASCADE, position INTEGER NOT NULL,
+  key TEXT NOT NULL UNIQUE, PRIMARY KEY (resource, position)) STRICT, WITHOUT ROWID;
+CREATE TABLE jobs (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, kind TEXT NOT NULL, result_id TEXT NOT NULL,
+  request TEXT NOT NULL, state TEXT NOT NULL, stage TEXT NOT NULL, progress REAL NOT NULL,
+  requesters INTEGER NOT NULL, attempts INTEGER NOT NULL, crashes INTEGER NOT NULL,
+  created INTEGER NOT NULL, started INTEGER, finished INTEGER, error_code TEXT, error_sentence TEXT) STRICT;
+CREATE INDEX jobs_unfinished ON jobs (seq) WHERE finished IS NULL;
+CREATE TABLE warnings (
+  job INTEGER NOT NULL REFERENCES jobs (seq) ON DELETE CASCADE, position INTEGER NOT NULL, sentence TEXT NOT NULL,
+  PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;
+INSERT INTO resources VALUES (1, 'vol_1', 'volumes', 1700000000000000, '', '{"id":"vol_1"}', 5);
+INSERT INTO resources VALUES (4, 'mdl_1', 'models', 1700000001000000, '{"volume":"vol_1"}', '{"id":"mdl_1"}', 70);
+INSERT INTO resources VALUES (5, 'ans_1', 'answers', 1700000002000000, '{}', '', 7);
+INSERT INTO inputs VALUES (4, 0, 1), (5, 0, 4);
+INSERT INTO blobs VALUES (1, 0, 'volumes/a'), (1, 1, 'volumes/b'), (4, 0, 'models/c'), (5, 0, 'answers/d');
+INSERT INTO jobs VALUES (1, 'job_1', 'model', 'mdl_1', '{"volume":"vol_1"}', 'succeeded', 'store', 1.0, 1, 1, 0,
+  1700000000500000, 1700000000600000, 1700000001000000, NULL, NULL);
+INSERT INTO jobs VALUES (2, 'job_2', 'model', 'mdl_2', '{}', 'failed', 'boundary', 0.25, 1, 2, 1,
+  1700000003000000, 1700000003100000, 1700000003200000, 'unusable', 'The object is empty; choose another threshold.');
+INSERT INTO jobs VALUES (3, 'job_3', 'measures', 'ans_2', '{}', 'running', 'union', 0.5, 2, 1, 0,
+  1700000004000000, 1700000004100000, NULL, NULL, NULL);
+INSERT INTO warnings VALUES (1, 0, 'One.'), (1, 1, 'Two.');
+PRAGMA application_id = 0x53706872;
+PRAGMA user_version = 1;
+)sql";
+
+TEST(Catalog, BringsVersion1UpToDate) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "catalog.sqlite";
+  sqlite3* old = nullptr;
+  ASSERT_EQ(sqlite3_open(file.c_str(), &old), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(old, kVersion1, nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(old);
+  sqlite3_close(old);
+  const auto at = [](std::int64_t microseconds) { return Time(std::chrono::microseconds(microseconds)); };
+  for (int opened = 0; opened < 2; ++opened) {
+    Catalog catalog(file);
+    catalog.verify();
+    const auto volume = catalog.find("vol_1"), model = catalog.find("mdl_1"), answer = catalog.find("ans_1");
+    ASSERT_TRUE(volume && model && answer);
+    EXPECT_EQ(volume->document, "{\"id\":\"vol_1\"}");
+    EXPECT_EQ(volume->blobs, (std::vector<std::string>{"volumes/a", "volumes/b"}));
+    EXPECT_EQ(volume->created, at(1700000000000000));
+    EXPECT_EQ(volume->used, volume->created);
+    EXPECT_EQ(model->inputs, std::vector<std::string>{"vol_1"});
+    EXPECT_EQ(model->request, "{\"volume\":\"vol_1\"}");
+    EXPECT_EQ(model->bytes, 70U);
+    EXPECT_EQ(answer->inputs, std::vector<std::string>{"mdl_1"});
+    EXPECT_EQ(ids(catalog.list_all("", 9).items), (std::vector<std::string>{"ans_1", "mdl_1", "vol_1"}));
+    EXPECT_EQ(ids(catalog.list_jobs("", 9).items), (std::vector<std::string>{"job_3", "job_2", "job_1"}));
+    const auto done = catalog.find_job("job_1"), failed = catalog.find_job("job_2");
+    ASSERT_TRUE(done && failed);
+    EXPECT_EQ(done->state, JobState::succeeded);
+    EXPECT_EQ(done->warnings, (std::vector<std::string>{"One.", "Two."}));
+    EXPECT_EQ(done->client, "");
+    EXPECT_EQ(done->memory_bytes, 0U);
+    EXPECT_EQ(failed->error->code, ErrorCode::unusable);
+    const auto left = catalog.unfinished_jobs();
+    ASSERT_EQ(left.size(), 1U);
+    EXPECT_EQ(left[0].requesters, 2U);
+    EXPECT_EQ(left[0].progress, 0.5);
+  }
+  // What is new works on what is old.
+  Catalog catalog(file);
+  EXPECT_EQ(catalog.unused_since("volumes", at(1700000000000001), 5), std::vector<std::string>{"vol_1"});
+  catalog.touch("ans_1");
+  EXPECT_TRUE(catalog.unused_since("volumes", at(1700000000000001), 5).empty());
+  EXPECT_EQ(catalog.forget_jobs(at(1700000002000000)), 1U);
+  EXPECT_EQ(catalog.erase("vol_1").size(), 4U);
+}
+
 TEST(Catalog, SaysWhenANewerVersionWroteIt) {
   const test::TemporaryFolder folder;
   { Catalog catalog(folder.path() / "c"); }
@@ -287,7 +415,7 @@ TEST(Catalog, DamageIsFoundOrHarmless) {
 }
 
 TEST(Publishing, LeavesNoBlobThatNothingOwns) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
   const auto upload = [&](const std::string& id, const std::vector<std::string>& inputs) {
     return publish(catalog, blobs, resource(id, "volumes", inputs, {blobs.put("volumes/a", id), blobs.put("b", id)}));
@@ -304,7 +432,7 @@ TEST(Publishing, LeavesNoBlobThatNothingOwns) {
 }
 
 TEST(Publishing, OrphansGoAtTheNextStart) {
-  Catalog catalog(":memory:");
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore inner;
   test::FaultyBlobStore blobs(inner);
   publish(catalog, blobs, resource("vol_1", "volumes", {}, {blobs.put("a", "1")}));

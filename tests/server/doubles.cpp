@@ -31,6 +31,18 @@ TemporaryFolder::~TemporaryFolder() {
   std::filesystem::remove_all(path_, ignored);
 }
 
+namespace {
+
+std::filesystem::path memory_folder() {
+  const std::filesystem::path memory = "/dev/shm";
+  return ::access(memory.c_str(), W_OK) == 0 ? memory : std::filesystem::temp_directory_path();
+}
+
+}  // namespace
+
+ScratchCatalog::ScratchCatalog()
+    : TemporaryFolder(memory_folder()), Catalog(TemporaryFolder::path() / "catalog.sqlite") {}
+
 struct MemoryBlobStore::Blobs {
   std::mutex mutex;
   std::map<std::string, std::string> by_key;

@@ -12,6 +12,7 @@
 
 #include "core/base/error.h"
 #include "server/blob_store.h"
+#include "server/catalog.h"
 
 namespace spherule::server::test {
 
@@ -26,6 +27,12 @@ class TemporaryFolder {
 
  private:
   std::filesystem::path path_;
+};
+
+/// A catalogue in a file of its own, on a disk in memory where there is one.
+class ScratchCatalog : private TemporaryFolder, public Catalog {
+ public:
+  ScratchCatalog();
 };
 
 /// Keeps blobs in anonymous memory; safe to use from several threads.

@@ -45,7 +45,7 @@ class Gate {
 
 class Jobs : public testing::Test {
  protected:
-  Catalog catalog{":memory:"};
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
 
   /// What a well-behaved runner returns.

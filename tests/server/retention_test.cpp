@@ -14,7 +14,7 @@ using namespace std::chrono_literals;
 
 class Retention : public testing::Test {
  protected:
-  Catalog catalog{":memory:"};
+  test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
 
   void add(const std::string& id, const std::string& collection, const std::vector<std::string>& inputs = {}) {
