@@ -43,8 +43,10 @@ Box box_of(const Sphere& ball) {
 // Of unit length, from the middle of a cube of 27 to the others.
 std::vector<Vec3> directions() {
   std::vector<Vec3> result;
-  for (int i = 0; i < 27; ++i)
-    if (i != 13) result.push_back(normalised(Vec3{i % 3 - 1.0, i / 3 % 3 - 1.0, i / 9 - 1.0}));
+  for (const double x : {-1.0, 0.0, 1.0})
+    for (const double y : {-1.0, 0.0, 1.0})
+      for (const double z : {-1.0, 0.0, 1.0})
+        if (x != 0 || y != 0 || z != 0) result.push_back(normalised(Vec3{x, y, z}));
   return result;
 }
 
