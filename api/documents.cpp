@@ -304,7 +304,7 @@ Json observations_json(const Observations& o) {
                   "plus one lattice unit for rounding")}};
 }
 
-Json sphere_json(const Sphere& sphere, const char* method) {
+Json sphere_json(const Sphere& sphere, const std::string& method) {
   return {{"centre_mm", triple(sphere.centre)}, {"radius_mm", sphere.radius}, {"method", method}};
 }
 
@@ -477,7 +477,10 @@ std::string measures_document(const std::string& model, const ModelMeasures& mea
       sphere_json(measures.largest_inscribed,
                   raw ? "largest inside circumsphere: by the empty-sphere property the largest ball centred inside the "
                         "object that holds no boundary point"
-                      : "largest member: the union may hold a larger ball that spans several members");
+                  : measures.spheres.count <= largest_inscribed_limit
+                      ? "largest ball within the union, to a relative 1e-9, by the Voronoi vertices of its corners"
+                      : "largest member, as there are more than " + std::to_string(largest_inscribed_limit) +
+                            ": the union may hold a larger ball that spans several members");
   json["local_thickness"] = thickness_json(measures.thickness);
   json["components"] = components_json(measures.components, raw);
   json["units"] = {{"length", "mm"}, {"area", "mm2"}, {"volume", "mm3"}, {"inertia", "mm5, for density 1 per mm3"}};

@@ -19,7 +19,7 @@ constexpr int kFileEdition = 1;
 using Json = nlohmann::json;
 
 // Changes when the document of measures does, so that answers kept by an older program are made anew.
-constexpr int kMeasuresEdition = 2;
+constexpr int kMeasuresEdition = 3;
 
 Json to_json(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
 Vec3 vec_from(const Json& json) { return {json.at(0), json.at(1), json.at(2)}; }

@@ -355,6 +355,40 @@ bool BallCell::surrounds(std::uint32_t face, Vec3 foot, double disk_squared) con
   return widest > disk_squared;
 }
 
+bool BallCell::find_piece(std::uint32_t from, std::uint32_t to, bool begins_in, bool ends_in, double radius,
+                          Piece& piece) const {
+  const double radius_squared = radius * radius;
+  const Vec3 p = position(from), q = position(to);
+  piece = {p, q, begins_in, ends_in};
+  if (!begins_in && !ends_in) {
+    const Vec3 d = q - p;
+    const double a = squared_norm(d), b = dot(p, d);
+    if (!(b < 0) || !(-b < a)) return false;
+    const double depth = radius_squared - squared_norm(cross(p, d)) / a;
+    if (!(depth > 0)) return false;
+    const double middle = -b / a, half = std::sqrt(depth / a);
+    piece.begin = p + std::max(middle - half, 0.0) * d;
+    piece.end = p + std::min(middle + half, 1.0) * d;
+  } else if (!ends_in) {
+    piece.end = passage(p, q, radius_squared);
+  } else if (!begins_in) {
+    piece.begin = passage(q, p, radius_squared);
+  }
+  return true;
+}
+
+void BallCell::append_outline_corners(double radius, std::vector<Vec3>& corners) const {
+  const auto in_ball = [&](std::uint32_t v) { return squared_norm(position(v)) < radius * radius; };
+  for (std::uint32_t v = 0; v < corners_.size(); ++v) {
+    for (const std::uint32_t w : corners_[v].next) {
+      Piece piece;
+      if (w < v || !find_piece(v, w, in_ball(v), in_ball(w), radius, piece)) continue;
+      if (!piece.begins_in) corners.push_back(piece.begin);
+      if (!piece.ends_in) corners.push_back(piece.end);
+    }
+  }
+}
+
 BallCell::Turning BallCell::trace_edges(double radius) {
   const double radius_squared = radius * radius;
   Turning turning;
@@ -377,22 +411,9 @@ BallCell::Turning BallCell::trace_edges(double radius) {
       // As seen walking from v to w; the left one's polygon has the edge in this direction.
       const std::uint32_t left = corners_[v].faces[before(i)], right = corners_[v].faces[after(i)];
       if (some_corner_[left] == kNone || some_corner_[right] == kNone) continue;
-      const bool begins_in = in_ball_[v], ends_in = in_ball_[w];
-      Vec3 begin = position(v), end = position(w);
-      if (!begins_in && !ends_in) {
-        const Vec3 p = begin, d = end - begin;
-        const double a = squared_norm(d), b = dot(p, d);
-        if (!(b < 0) || !(-b < a)) continue;
-        const double depth = radius_squared - squared_norm(cross(p, d)) / a;
-        if (!(depth > 0)) continue;
-        const double middle = -b / a, half = std::sqrt(depth / a);
-        begin = p + std::max(middle - half, 0.0) * d;
-        end = p + std::min(middle + half, 1.0) * d;
-      } else if (!ends_in) {
-        end = passage(begin, end, radius_squared);
-      } else if (!begins_in) {
-        begin = passage(end, begin, radius_squared);
-      }
+      Piece piece;
+      if (!find_piece(v, w, in_ball_[v], in_ball_[w], radius, piece)) continue;
+      const auto& [begin, end, begins_in, ends_in] = piece;
       ++turning.pieces;
       Outline &on_left = outlines_[left], &on_right = outlines_[right];
       const Flat left_begin = on_left.flat(begin), left_end = on_left.flat(end);

@@ -51,6 +51,9 @@ class BallCell {
   /// where the plane of a face nearly touches the ball, in a disk of radius d, 2^-50 radius³/d. O(corners).
   BallPiece measure(double radius);
 
+  /// Appends the corners of the outline of the spherical part, where two faces meet on the sphere. O(corners).
+  void append_outline_corners(double radius, std::vector<Vec3>& corners) const;
+
  private:
   using Triple = std::array<std::uint32_t, 3>;
   // Three faces meet at a corner. Where more planes meet, up to rounding, there are several corners in one place.
@@ -114,6 +117,11 @@ class BallCell {
     Flat first_;
     std::array<double, 3> second_{};
   };
+  // An edge within the ball, from its lower-numbered end.
+  struct Piece {
+    Vec3 begin, end;
+    bool begins_in, ends_in;  // whether that is a corner of the cell; else it is on the sphere
+  };
   struct Turning {
     double angle = 0;             // of the spherical part's outline at its corners, where edges pass the sphere
     int corners = 0, pieces = 0;  // of it; of edges within the ball
@@ -133,6 +141,9 @@ class BallCell {
     const Triple& faces = corners_[corner].faces;
     return faces[0] == face ? 0 : faces[1] == face ? 1 : 2;
   }
+  // False when the edge misses the ball.
+  bool find_piece(std::uint32_t from, std::uint32_t to, bool begins_in, bool ends_in, double radius,
+                  Piece& piece) const;
   // Hands what edges have within the ball to their faces' outlines.
   Turning trace_edges(double radius);
   // Whether a face lies around the disk, given that it does or is far from it.

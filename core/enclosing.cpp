@@ -1,9 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/enclosing.h"
 
+#include <CGAL/Delaunay_triangulation_3.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Min_sphere_of_spheres_d.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <tuple>
+#include <vector>
+
+#include "core/box_tree.h"
+#include "core/union.h"
 
 namespace spherule {
 
@@ -23,6 +32,64 @@ struct Traits {
 };
 static_assert(sizeof(Vec3) == 3 * sizeof(double));
 
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+
+Box box_of(const Sphere& ball) {
+  Box box;
+  box.include(ball);
+  return box;
+}
+
+// Of unit length, from the middle of a cube of 27 to the others.
+std::vector<Vec3> directions() {
+  std::vector<Vec3> result;
+  for (const double x : {-1.0, 0.0, 1.0})
+    for (const double y : {-1.0, 0.0, 1.0})
+      for (const double z : {-1.0, 0.0, 1.0})
+        if (x != 0 || y != 0 || z != 0) result.push_back(normalised(Vec3{x, y, z}));
+  return result;
+}
+
+// Each corner was found from three balls, in places that differ by rounding. Most of those fall together here; those
+// that do not do no harm.
+std::vector<Vec3> merged(std::vector<Vec3> corners) {
+  double farthest = 0;
+  for (const Vec3 c : corners) farthest = std::max({farthest, std::abs(c.x), std::abs(c.y), std::abs(c.z)});
+  const double scale = farthest > 0 ? 0x1p40 / farthest : 0;
+  const auto key = [&](Vec3 c) {
+    return std::array{std::llround(scale * c.x), std::llround(scale * c.y), std::llround(scale * c.z)};
+  };
+  std::ranges::sort(corners, {}, key);
+  const auto [end, last] = std::ranges::unique(corners, {}, key);
+  corners.erase(end, last);
+  return corners;
+}
+
+// What the corners' Voronoi vertices may be the centres of, if larger than `least`.
+std::vector<Sphere> empty_balls(std::span<const Vec3> corners, double least) {
+  std::vector<Kernel::Point_3> points;
+  points.reserve(corners.size());
+  for (const Vec3 c : corners) points.emplace_back(c.x, c.y, c.z);
+  const CGAL::Delaunay_triangulation_3<Kernel> triangulation(points.begin(), points.end());
+  std::vector<Sphere> result;
+  for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
+    const auto at = [&](int i) {
+      const auto& p = cell->vertex(i)->point();
+      return Vec3{p.x(), p.y(), p.z()};
+    };
+    const Vec3 a = at(1) - at(0), b = at(2) - at(0), c = at(3) - at(0);
+    const double six_volumes = dot(a, cross(b, c));
+    if (!(six_volumes > 0)) continue;
+    const Vec3 centre =
+        at(0) + 0.5 / six_volumes *
+                    (squared_norm(a) * cross(b, c) + squared_norm(b) * cross(c, a) + squared_norm(c) * cross(a, b));
+    double radius = norm(centre - at(0));
+    for (int i = 1; i < 4; ++i) radius = std::min(radius, norm(centre - at(i)));
+    if (radius > least) result.push_back({centre, radius});
+  }
+  return result;
+}
+
 }  // namespace
 
 Sphere smallest_enclosing_sphere(std::span<const Sphere> balls) {
@@ -38,6 +105,50 @@ Sphere smallest_enclosing_sphere(std::span<const Sphere> balls) {
 
 Sphere largest_sphere(std::span<const Sphere> balls) {
   return balls.empty() ? Sphere{} : *std::ranges::max_element(balls, {}, &Sphere::radius);
+}
+
+Sphere largest_inscribed_sphere(std::span<const Sphere> balls, const Context& context) {
+  const Sphere member = largest_sphere(balls);
+  if (!(member.radius > 0)) return member;
+  Context quiet = context;
+  quiet.progress = nullptr;
+  context.report("inscribed", 0);
+  const std::vector<Vec3> corners = merged(union_corners(balls, quiet));
+  // An inscribed ball is smaller than those that the corners' hull alone allows, and has its centre in some ball.
+  constexpr double kShrink = 1 - 0x1p-30;
+  std::vector<Sphere> candidates = empty_balls(corners, member.radius / kShrink);
+  context.throw_if_cancelled();
+  std::ranges::sort(candidates, [](const Sphere& a, const Sphere& b) {
+    return std::tuple(-a.radius, a.centre.x, a.centre.y, a.centre.z) <
+           std::tuple(-b.radius, b.centre.x, b.centre.y, b.centre.z);
+  });
+  std::vector<Box> boxes;
+  for (const Sphere& ball : balls) boxes.push_back(box_of(ball));
+  const BoxTree tree(boxes, quiet);
+  const auto covered = [&](Vec3 point) {
+    Box at;
+    at.include(point);
+    bool found = false;
+    tree.for_each_overlap(at, [&](std::size_t place) {
+      const Sphere& ball = balls[tree.order()[place]];
+      found |= squared_norm(point - ball.centre) <= ball.radius * ball.radius;
+    });
+    return found;
+  };
+  const std::vector<Vec3> probes = directions();
+  for (const Sphere& candidate : candidates) {
+    context.throw_if_cancelled();
+    const Sphere tried{candidate.centre, kShrink * candidate.radius};
+    // Nearly all that are not inside fail here, before all balls near them are looked at.
+    const bool hopeless =
+        std::ranges::any_of(probes, [&](Vec3 d) { return !covered(tried.centre + tried.radius * d); });
+    if (!covered(tried.centre) || hopeless) continue;
+    std::vector<Sphere> near{tried};
+    tree.for_each_overlap(box_of(tried), [&](std::size_t place) { near.push_back(balls[tree.order()[place]]); });
+    // Where its sphere is covered up to less than a cap of a height of 2^-41 radii.
+    if (measure_union(near, quiet).parts[0].area_mm2 < 0x1p-40 * tried.radius * tried.radius) return tried;
+  }
+  return member;
 }
 
 }  // namespace spherule

@@ -5,6 +5,7 @@
 
 #include <span>
 
+#include "core/base/context.h"
 #include "core/base/geometry.h"
 
 namespace spherule {
@@ -19,5 +20,12 @@ Sphere smallest_enclosing_sphere(std::span<const Sphere> balls);
 /// ball that holds no boundary point and whose centre is inside is larger, for the circumspheres of a Delaunay
 /// tetrahedralization are the largest empty balls. Of any other set: the union may hold a larger one that no member is.
 Sphere largest_sphere(std::span<const Sphere> balls);
+
+/// The largest ball within the union of any balls, to a relative 1e-9. A ball that touches the union's surface within a
+/// patch or a crease is not larger than a member; any other largest one touches it at corners alone, so that its centre
+/// is a Voronoi vertex of them (N. Amenta, R. Kolluri, The medial axis of a union of balls, 2001). Those are tried,
+/// larger ones first: one is within the union when adding it adds no surface. Expected O(n log n): on random balls
+/// about eight times as long as measure_union, and 2 kB a ball. Reports stage "inscribed". Throws cancelled.
+Sphere largest_inscribed_sphere(std::span<const Sphere> balls, const Context& context = {});
 
 }  // namespace spherule

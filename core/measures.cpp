@@ -50,7 +50,10 @@ ModelMeasures measure_model(const SphereModel& model, const UnionMeasures& whole
   context.report("components", 0.45);
   measures.components = components(model, whole.parts, context);
   measures.smallest_enclosing = smallest_enclosing_sphere(model.spheres);
-  measures.largest_inscribed = largest_sphere(model.spheres);
+  const bool few = model.spheres.size() <= largest_inscribed_limit;
+  measures.largest_inscribed = !model.solid && few
+                                   ? largest_inscribed_sphere(model.spheres, part_of(context, 0.45, 0.5))
+                                   : largest_sphere(model.spheres);
   measures.thickness =
       local_thickness(model, whole.moments.volume, 40, std::uint64_t{1} << 22, part_of(context, 0.5, 1));
   return measures;

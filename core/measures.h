@@ -21,6 +21,9 @@
 
 namespace spherule {
 
+/// Beyond, the search would take longer than all other measures.
+inline constexpr std::size_t largest_inscribed_limit = 100'000;
+
 /// Of the union of a model's spheres.
 struct SpheresMeasures {
   std::uint64_t count = 0;
@@ -37,7 +40,9 @@ struct ModelMeasures {
   std::optional<TetrahedraMeasures> tetrahedra;
   std::optional<MarchingCubesMeasures> marching_cubes;
   std::optional<Observations> observations;
-  Sphere smallest_enclosing, largest_inscribed;  ///< enclosing.h says what the second one is
+  /// The second one is largest_inscribed_sphere, of sets without a solid and of up to largest_inscribed_limit balls; of
+  /// others largest_sphere (enclosing.h says what that is).
+  Sphere smallest_enclosing, largest_inscribed;
   LocalThickness thickness;
   std::vector<Component> components;  ///< largest first
 };

@@ -178,8 +178,6 @@ void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
   for (std::size_t i = 0; i < 3; ++i) sum.rows[i] = sum.rows[i] + weight * a[static_cast<int>(i)] * b;
 }
 
-Vec3 middle(const Box& box) { return 0.5 * (box.min + box.max); }
-
 constexpr std::size_t kGrain = 1 << 11;
 
 template <typename Part>
@@ -192,6 +190,57 @@ Moments total(const std::vector<Moments>& pieces) {
   for (const Moments& m : pieces) sum += m;
   return sum;
 }
+
+// -------------------------------------------------------------------------------------------------------- any balls
+
+class AnyUnion {
+ public:
+  AnyUnion(std::span<const Sphere> balls, const Context& context) : AnyUnion(parts_of(balls), context) {}
+
+  std::size_t size() const { return size_; }
+  Vec3 middle() const { return middle_; }
+
+  // Calls visit(piece, member, cell) for every ball that is not hidden; `piece` is the number of the piece of work.
+  template <typename Visit>
+  void for_each_cell(const Context& context, Visit&& visit) const {
+    parallel_for(context, "union", size_, kGrain, [&](std::size_t begin, std::size_t end) {
+      Workshop shop;
+      const auto always = [](Vec3, double, double) { return true; };
+      for (std::size_t n = begin; n < end; ++n) {
+        const Sphere& ball = crowd_[n].ball;
+        if (!crowd_.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals, always)) continue;
+        shop.cell.reset(ball.radius);
+        if (shop.rivals.cut(shop.cell)) visit(begin / kGrain, crowd_[n], shop.cell);
+      }
+    });
+  }
+
+ private:
+  struct Parts {
+    std::vector<Crowd::Member> members;
+    std::vector<Box> boxes;
+    Box all;
+  };
+  // Points have no part, and bound none.
+  static Parts parts_of(std::span<const Sphere> balls) {
+    Parts parts;
+    for (std::uint32_t i = 0; i < balls.size(); ++i) {
+      if (!(balls[i].radius > 0)) continue;
+      parts.members.push_back({balls[i], i});
+      parts.boxes.push_back(box_of(balls[i]));
+      parts.all.include(balls[i]);
+    }
+    return parts;
+  }
+  AnyUnion(const Parts& parts, const Context& context)
+      : size_(parts.members.size()),
+        middle_(0.5 * (parts.all.min + parts.all.max)),
+        crowd_(parts.members, parts.boxes, context) {}
+
+  std::size_t size_;
+  Vec3 middle_;
+  Crowd crowd_;
+};
 
 // ------------------------------------------------------------------------------------------------------- raw models
 
@@ -468,38 +517,32 @@ class RawUnion {
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context) {
   UnionMeasures result;
   result.parts.resize(balls.size());
-  std::vector<Crowd::Member> members;  // points have no part, and bound none
-  std::vector<Box> boxes;
-  Box all;
-  for (std::uint32_t i = 0; i < balls.size(); ++i) {
-    if (!(balls[i].radius > 0)) continue;
-    members.push_back({balls[i], i});
-    boxes.push_back(box_of(balls[i]));
-    all.include(balls[i]);
-  }
-  if (members.empty()) return result;
-  const Vec3 origin = middle(all);
-  const Crowd crowd(members, boxes, context);
-  auto pieces = one_a_piece<Moments>(members.size());
-  parallel_for(context, "union", members.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    Workshop shop;
-    Moments sum;
-    for (std::size_t n = begin; n < end; ++n) {
-      const auto& [ball, number] = crowd[n];
-      if (!crowd.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals,
-                             [](Vec3, double, double) { return true; }))
-        continue;
-      shop.cell.reset(ball.radius);
-      if (!shop.rivals.cut(shop.cell)) continue;
-      const BallPiece piece = shop.cell.measure(ball.radius);
-      result.parts[number] = {piece.moments.volume, piece.area, piece.push};
-      sum += translated(piece.moments, ball.centre - origin);
-    }
-    pieces[begin / kGrain] = sum;
+  const AnyUnion any(balls, context);
+  if (any.size() == 0) return result;
+  auto pieces = one_a_piece<Moments>(any.size());
+  any.for_each_cell(context, [&](std::size_t piece_of_work, const Crowd::Member& member, BallCell& cell) {
+    const auto& [ball, number] = member;
+    const BallPiece piece = cell.measure(ball.radius);
+    result.parts[number] = {piece.moments.volume, piece.area, piece.push};
+    pieces[piece_of_work] += translated(piece.moments, ball.centre - any.middle());
   });
   for (const BallPart& part : result.parts) result.area_mm2 += part.area_mm2;
-  result.moments = translated(total(pieces), origin);
+  result.moments = translated(total(pieces), any.middle());
   return result;
+}
+
+std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& context) {
+  const AnyUnion any(balls, context);
+  auto pieces = one_a_piece<std::vector<Vec3>>(any.size());
+  any.for_each_cell(context, [&](std::size_t piece_of_work, const Crowd::Member& member, const BallCell& cell) {
+    std::vector<Vec3>& corners = pieces[piece_of_work];
+    const std::size_t old = corners.size();
+    cell.append_outline_corners(member.ball.radius, corners);
+    for (Vec3& corner : std::span(corners).subspan(old)) corner = corner + member.ball.centre;
+  });
+  std::vector<Vec3> all;
+  for (const std::vector<Vec3>& piece : pieces) all.insert(all.end(), piece.begin(), piece.end());
+  return all;
 }
 
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context) {

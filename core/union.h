@@ -38,6 +38,10 @@ struct UnionMeasures {
 /// radii >= 0.
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context = {});
 
+/// Where three or more spheres meet on the surface of the union of any balls: each such point about once for each of
+/// them, up to rounding. Cost, memory and preconditions as above.
+std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& context = {});
+
 /// The union of a raw model's balls. The power diagram of all circumspheres is the tetrahedralization itself, so the
 /// union is the inside tetrahedra and what balls have beyond their boundary facets: only the cells of these balls are
 /// computed, each from its tetrahedron and the other balls that reach beyond the solid near it. A part is its cell's

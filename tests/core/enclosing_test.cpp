@@ -71,5 +71,80 @@ TEST(LargestSphere, IsTheFirstOfTheLargest) {
             (Sphere{{2, 0, 0}, 3}));
 }
 
+TEST(LargestInscribed, IsTheLargestMemberWhereBallsOnlyTouchOrNest) {
+  expect_near(largest_inscribed_sphere({}), {});
+  const Sphere one{{1, 2, 3}, 4};
+  expect_near(largest_inscribed_sphere(std::vector{one, one}), one);
+  expect_near(largest_inscribed_sphere(std::vector<Sphere>{{{0, 0, 0}, 1}, {{1, 0, 0}, 1.2}, {{9, 0, 0}, 0}}),
+              {{1, 0, 0}, 1.2});
+}
+
+// Balls around the corners of a cube that hold its middle: four of them meet over each of its faces.
+TEST(LargestInscribed, SpansEightBallsOnACube) {
+  std::vector<Sphere> balls;
+  for (int i = 0; i < 8; ++i) balls.push_back({{i & 1 ? 6. : 4., i & 2 ? 1. : -1., i & 4 ? 1. : -1.}, 1.9});
+  const double expected = 1 + std::sqrt(1.9 * 1.9 - 2);
+  expect_near(largest_inscribed_sphere(balls), {{5, 0, 0}, expected}, 1e-8);
+  // Balls that leave a hole in the middle have none larger than themselves.
+  for (Sphere& ball : balls) ball.radius = 1.7;
+  EXPECT_EQ(largest_inscribed_sphere(balls).radius, 1.7);
+}
+
+// Four equal balls whose centres form a regular tetrahedron of circumradius 1: three meet beyond each face, at 1/3 and
+// the height of a point at the radius from corners √8/3 away from the face's middle.
+TEST(LargestInscribed, SpansFourBallsOnATetrahedron) {
+  for (const double radius : {1.1, 1.5, 3.0}) {
+    const double s = 1 / std::sqrt(3.0);
+    const std::vector<Sphere> balls{
+        {{s, s, s}, radius}, {{s, -s, -s}, radius}, {{-s, s, -s}, radius}, {{-s, -s, s}, radius}};
+    const double expected = std::max(radius, 1.0 / 3 + std::sqrt(radius * radius - 8.0 / 9));
+    EXPECT_NEAR(largest_inscribed_sphere(balls).radius, expected, 1e-8) << radius;
+  }
+}
+
+// Climbs on the distance to points of the surface.
+TEST(LargestInscribed, IsWhatClimbingFinds) {
+  int larger = 0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    phantoms::Random random(seed);
+    const auto unit = [&] { return random.unit(); };
+    std::vector<Sphere> balls(12);
+    for (Sphere& b : balls) b = {{1.6 * unit(), 1.6 * unit(), 1.6 * unit()}, 0.6 + 0.4 * unit()};
+    std::vector<Vec3> surface;
+    for (const Sphere& b : balls) {
+      for (int i = 0; i < 2000; ++i) {
+        const double z = (2 * i + 1) / 2000.0 - 1, angle = 2.399963229728653 * i, r = std::sqrt(1 - z * z);
+        const Vec3 p = b.centre + b.radius * Vec3{r * std::cos(angle), r * std::sin(angle), z};
+        if (std::ranges::none_of(balls, [&](const Sphere& o) { return norm(p - o.centre) < o.radius - 1e-12; }))
+          surface.push_back(p);
+      }
+    }
+    const auto depth = [&](Vec3 p) {
+      if (std::ranges::none_of(balls, [&](const Sphere& o) { return norm(p - o.centre) < o.radius; })) return 0.0;
+      double least = 1e9;
+      for (const Vec3 q : surface) least = std::min(least, squared_norm(p - q));
+      return std::sqrt(least);
+    };
+    double deepest = 0;
+    for (const Sphere& start : balls) {
+      Vec3 at = start.centre;
+      double here = depth(at);
+      for (double step = 0.3; step > 1e-3; step *= 0.6) {
+        for (int tried = 0; tried < 12; ++tried) {
+          const Vec3 there = at + step * Vec3{unit() - 0.5, unit() - 0.5, unit() - 0.5};
+          const double d = depth(there);
+          if (d > here) at = there, here = d;
+        }
+      }
+      deepest = std::max(deepest, here);
+    }
+    const Sphere found = largest_inscribed_sphere(balls);
+    // Points of the surface are about 0.06 apart, so that the depth is too large by less than that squared and halved.
+    EXPECT_NEAR(found.radius, deepest, 0.015) << seed;
+    larger += found.radius > largest_sphere(balls).radius;
+  }
+  EXPECT_GE(larger, 1);
+}
+
 }  // namespace
 }  // namespace spherule
