@@ -2,7 +2,7 @@
 //
 // Models -> pictures. The map of this folder:
 //   render   what is drawn, from where, in which colours: the one header that others need (with image.h)
-//   camera   sight lines;  trace  rays against balls, facets and blobs;  scene  light and pixels
+//   camera   sight lines;  trace  rays against balls, facets and blobs;  scene  light and pixels;  openness  shadows
 //   patches  the visible parts of overlapping balls;  discs  where a plane cuts them
 //   colour   light, sRGB and colour maps;  drawing  lines and words, in pixels or SVG
 #pragma once
@@ -50,7 +50,7 @@ enum class Layout : std::uint8_t { beside, overlaid };
 
 struct RenderOptions {
   int width = 800, height = 800;  ///< pixels of each panel; each 1 … 8192
-  int samples_per_axis = 3;       ///< antialiasing: up to n × n rays a pixel; 1 … 8
+  int samples_per_axis = 3;       ///< antialiasing: n × n rays a pixel at edges; 1 … 8
   Background background = Background::transparent;
 
   Style style = Style::spheres;
