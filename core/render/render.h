@@ -96,9 +96,11 @@ struct Subject {
 /// side; two models beside each other take a row each then, else a column. The camera fits the boxes of all balls,
 /// whatever is left out or drawn in their place, so that pictures of one model compare. The same bytes for every thread
 /// count. Only the exposed part of each ball is traced (patches.h), so raw models of millions of balls cost little more
-/// than a few. Throws invalid_argument for options outside their ranges, with field errors; unusable when there is
-/// nothing to draw, when a model lacks what the style or the colours need, or when a perspective camera stands inside.
-/// Reports stage "render"; cancelled within tens of ms.
+/// than a few. Memory beside the models and the pictures: about 160 bytes a patch (280 MiB for the 1.8 million patches
+/// of a head's 3.25 million balls, by bench_render), and a few MiB for each thread. Throws invalid_argument for options
+/// outside their ranges, with field errors; unusable when there is nothing to draw, when a model lacks what the style
+/// or the colours need, or when a perspective camera stands inside. Reports stage "render"; cancelled within tens of
+/// ms.
 std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& options = {},
                           const Context& context = {});
 
