@@ -11,7 +11,7 @@ namespace spherule::api {
 namespace {
 
 // Changes when pictures do, so that those kept by an older program are drawn anew.
-constexpr int kPictureEdition = 3;
+constexpr int kPictureEdition = 4;
 // Changes with what any file for another program holds.
 constexpr int kFileEdition = 1;
 

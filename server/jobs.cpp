@@ -10,6 +10,8 @@
 #include <exception>
 #include <mutex>
 #include <new>
+#include <set>
+#include <string>
 #include <thread>
 #include <unordered_map>
 #include <utility>
@@ -44,9 +46,10 @@ struct Job {
   std::stop_source stop;
   std::uint64_t last_number;
   double announced_progress = 0;
-  std::vector<JobEvent> events;  // bounded: states, warnings, and at most one of progress
+  std::vector<JobEvent> events;   // bounded: states, warnings, and at most one of progress
+  std::set<std::string> pollers;  // clients that are counted already
 
-  explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)) {}
+  explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)), pollers{record.client} {}
 
   void announce(JobEvent::Type type, std::string warning = {}) {
     if (type == JobEvent::Type::progress) {
@@ -391,16 +394,18 @@ JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, Job
 JobPool::~JobPool() { stop(std::chrono::milliseconds(0)); }
 
 JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                          const std::string& client, std::uint64_t memory_bytes) {
+                          const std::string& client, std::uint64_t memory_bytes, bool poll) {
   State& s = *state_;
   const std::lock_guard lock(s.mutex);
   if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
   if (const auto same = s.by_result.find(result_id); same != s.by_result.end()) {
     Job& job = *same->second;
+    if (poll && job.pollers.contains(client)) return s.status(job);
     JobRecord record = job.record;
     ++record.requesters;
     s.catalog.update_job(record);
     job.record = std::move(record);
+    if (poll) job.pollers.insert(client);
     return s.status(job);
   }
   if (memory_bytes > s.options.memory_bytes) throw too_much(memory_bytes, s.options.memory_bytes);
@@ -474,7 +479,7 @@ JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chron
   return news;
 }
 
-JobStatus JobPool::cancel(const std::string& id) {
+JobStatus JobPool::cancel(const std::string& id, const std::string& client) {
   State& s = *state_;
   const Error over(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
   std::unique_lock lock(s.mutex);
@@ -490,6 +495,7 @@ JobStatus JobPool::cancel(const std::string& id) {
   if (record.requesters > 0) {
     s.catalog.update_job(record);
     job->record = std::move(record);
+    job->pollers.erase(client);
   } else if (record.state == JobState::queued) {
     record = State::ended(std::move(record), JobState::cancelled);
     s.catalog.update_job(record);

@@ -105,11 +105,12 @@ class JobPool {
 
   /// Queues work, or joins the unfinished job that makes the same result (one more requester). The caller has looked
   /// for a finished result before. Returns the job's status; its record.requesters tells whether it was joined.
-  /// `client` is whose turn it takes, `memory_bytes` an estimate of what the work needs at its peak. Throws busy when
+  /// `client` is whose turn it takes, `memory_bytes` an estimate of what the work needs at its peak. `poll`: a client
+  /// asks again and again for one thing, so its second request and later ones add no requester. Throws busy when
   /// the queue is full or the pool stops, throttled when this client's part of it is, and unusable, with the estimate,
   /// when the work can never fit.
   JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                   const std::string& client = {}, std::uint64_t memory_bytes = 0);
+                   const std::string& client = {}, std::uint64_t memory_bytes = 0, bool poll = false);
 
   /// Throws not_found.
   [[nodiscard]] JobStatus status(const std::string& id) const;
@@ -125,10 +126,10 @@ class JobPool {
   /// Throws not_found.
   JobEvents events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const;
 
-  /// Takes one requester away. The last one stops the work: a queued job is cancelled at once, a running one is
-  /// cancelling until the runner returns. Durable: it will not run again. Throws not_found; conflict when it is over
-  /// or its result is just being stored.
-  JobStatus cancel(const std::string& id);
+  /// Takes one requester away, of this client if it polled. The last one stops the work: a queued job is cancelled at
+  /// once, a running one is cancelling until the runner returns. Durable: it will not run again. Throws not_found;
+  /// conflict when it is over or its result is just being stored.
+  JobStatus cancel(const std::string& id, const std::string& client = {});
 
   /// Accepts nothing more, starts nothing more, lets running jobs finish for up to `grace`, then stops them and waits.
   /// Unfinished jobs stay queued in the catalogue for the next start. Wakes every wait() and events().

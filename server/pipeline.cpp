@@ -214,7 +214,7 @@ struct Pipeline::State {
         store.remove(id);
       }
     }
-    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory), wait);
+    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory, true), wait);
     if (status.record.state != JobState::succeeded) return job_info(status);
     return content_of(store.intact(store.find(id, answers_collection, "answer").blobs.at(0)));
   }
@@ -514,7 +514,7 @@ api::JobEvents Pipeline::job_events(const std::string& id, std::uint64_t after, 
   return result;
 }
 
-JobInfo Pipeline::cancel_job(const std::string& id) { return job_info(state_->pool.cancel(id)); }
+JobInfo Pipeline::cancel_job(const std::string& id) { return job_info(state_->pool.cancel(id, client_)); }
 
 api::UploadInfo Pipeline::create_upload(std::uint64_t length, const std::string& filename) {
   if (length > state_->store.blobs.free_bytes()) {

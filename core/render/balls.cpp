@@ -17,19 +17,35 @@ struct Patched {
   std::uint32_t ball;
 };
 
-// The distances at which rays enter the ball; NaN or negative where they do not, or start inside. The distance of the
-// centre from a ray is taken by subtraction: no loss when the ball is large and far.
+// Meets lanes [begin, end) as Primitives::meet does. The distance of the centre from a ray is taken by subtraction: no
+// loss when the ball is large and far.
 #if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
 __attribute__((target_clones("avx512f", "avx2", "default")))
 #endif
-void enter(const Patched& p, const Lanes& lanes, std::size_t begin, std::size_t end, double* distances) {
+std::uint32_t
+enter(const Patched& p, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) {
+  alignas(64) std::array<double, Lanes::most> distances;
+  alignas(64) std::array<std::int32_t, Lanes::most> enters;
+  std::int32_t any = 0;
   for (std::size_t k = begin; k < end; ++k) {
     const double x = p.x - lanes.ox[k], y = p.y - lanes.oy[k], z = p.z - lanes.oz[k];
     const double along = x * lanes.dx[k] + y * lanes.dy[k] + z * lanes.dz[k];
     const double ax = x - along * lanes.dx[k], ay = y - along * lanes.dy[k], az = z - along * lanes.dz[k];
     const double half_chord = p.squared_radius - (ax * ax + ay * ay + az * az);
-    distances[k] = half_chord > 0 ? along - std::sqrt(half_chord) : -1;
+    distances[k] = along - std::sqrt(half_chord > 0 ? half_chord : 0);
+    enters[k] = static_cast<std::int32_t>(half_chord > 0) & static_cast<std::int32_t>(distances[k] >= 0) &
+                static_cast<std::int32_t>(distances[k] <= lanes.far[k]) & static_cast<std::int32_t>(valid[k] != 0);
+    any |= enters[k];
   }
+  std::uint32_t met = 0;
+  if (any == 0) return met;
+  for (std::size_t k = begin; k < end; ++k) {
+    if (enters[k] == 0 || (distances[k] == lanes.far[k] && p.ball >= lanes.primitive[k])) continue;
+    lanes.far[k] = distances[k];
+    lanes.primitive[k] = p.ball;
+    met |= 1U << k;
+  }
+  return met;
 }
 
 class Balls final : public Tracer, private Primitives {
@@ -37,19 +53,19 @@ class Balls final : public Tracer, private Primitives {
   Balls(std::span<const Sphere> spheres, std::span<const Patch> patches, const std::optional<HalfSpace>& cut,
         const Context& context)
       : spheres_(spheres), patches_(patches) {
-    Box all;
     patched_.reserve(patches.size());
     for (const Patch& patch : patches) {
       const Sphere& s = spheres[patch.ball];
       patched_.push_back({s.centre.x, s.centre.y, s.centre.z, s.radius * s.radius, patch.ball});
-      all.include(patch.box.min), all.include(patch.box.max);
+      bounds_.include(patch.box.min), bounds_.include(patch.box.max);
     }
-    if (!patches.empty()) lift_ = 1e-7 * norm(all.max - all.min);
+    if (!patches.empty()) lift_ = 1e-7 * norm(bounds_.max - bounds_.min);
     hierarchy_.emplace(static_cast<const Primitives&>(*this), context);
     patches_ = {};
     if (cut) cut_plane(*cut, context);
   }
 
+  Box bounds() const override { return bounds_; }
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override { hierarchy_->first_hits(rays, hits); }
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
     hierarchy_->blocked(rays, blocked, alike);
@@ -80,17 +96,9 @@ class Balls final : public Tracer, private Primitives {
   std::size_t size() const override { return patched_.size(); }
   Box box(std::size_t index) const override { return patches_[index].box; }
 
-  void meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) const override {
-    const Patched& p = patched_[index];
-    alignas(64) std::array<double, Lanes::most> distances;
-    enter(p, lanes, begin, end, distances.data());
-    for (std::size_t k = begin; k < end; ++k) {
-      const double distance = distances[k];
-      if (valid[k] == 0 || !(distance >= 0)) continue;
-      if (distance > lanes.far[k] || (distance == lanes.far[k] && p.ball >= lanes.primitive[k])) continue;
-      lanes.far[k] = distance;
-      lanes.primitive[k] = p.ball;
-    }
+  std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
+                     std::size_t end) const override {
+    return enter(patched_[index], lanes, valid, begin, end);
   }
 
   void cut_plane(const HalfSpace& cut, const Context& context) {
@@ -110,6 +118,7 @@ class Balls final : public Tracer, private Primitives {
   std::span<const Sphere> spheres_;
   std::span<const Patch> patches_;  // only while the hierarchy is built
   std::vector<Patched> patched_;
+  Box bounds_;
   double lift_ = 0;
   std::optional<Hierarchy> hierarchy_;
   HalfSpace cut_;

@@ -5,21 +5,38 @@
 // which is 1 on the ball; the blob is where the sum of all fields is at least 1. So the blob holds every ball, and is
 // held by the balls grown by the blending distance b: as b goes to 0 it becomes their union.
 //
-// Along a ray each field is the square of a quadratic between two places and 0 elsewhere: the sum is a quartic between
-// neighbouring places. Its Bernstein coefficients on such a piece are sums of products without cancellation. No sign
-// among them means no root, one change of sign means one root, and other pieces are halved: no root is missed.
+// Along a ray each field is the square of a quadratic between two places and 0 elsewhere. On a stretch of the ray its
+// second derivative is at most what it is at the stretch's ends: so value and slope of the sum at the beginning and the
+// sum of these bounds give a parabola that stays above the sum on the stretch. A ray walks to where the parabola comes
+// to 1, or to the stretch's end: no root is passed. Near a root stretches are short, the parabola is nearly the sum
+// itself, and steps converge faster than Newton's.
 //
 // Sources: G. Wyvill, C. McPheeters, B. Wyvill, Data structure for soft objects (1986): fields of finite support;
-// J. Lane, R. Riesenfeld, Bounds on a polynomial (1981): signs of Bernstein coefficients count roots.
+// D. Kalra, A. Barr, Guaranteed ray intersections with implicit surfaces (1989): steps by bounds on derivatives.
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
+#include <limits>
+#include <utility>
 
 #include "core/render/trace.h"
 
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
+#define SPHERULE_EVERY_PROCESSOR __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define SPHERULE_EVERY_PROCESSOR
+#endif
+
 namespace spherule {
 namespace {
+
+constexpr std::size_t kLanes = Lanes::most;
+constexpr double kNever = 1e150;  // mm along a ray; its square is finite
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// The sum is computed to fewer than 1000 · 2⁻⁵³ where it is about 1; closer to 1 than this is 1.
+constexpr double kOnSurface = 1e-12;
+// The first stretch, of the way to the end; the next one, of the step that the last one allowed.
+constexpr double kFirstStretch = 0.5, kNextStretch = 2;
 
 struct Source {
   Vec3 centre;
@@ -27,127 +44,229 @@ struct Source {
   double strength = 0;  // 1 / (R² - r²)²
 };
 
-// A ray's way through one field.
-struct Passage {
-  double in = 0, out = 0;
-  double peak = 0;  // the field half way
+// The ways of up to 16 rays through one field: strength · (squared_half - (t - middle)²)² where that is the square of
+// something positive.
+struct Crossing {
+  alignas(64) std::array<double, kLanes> middle{};
+  alignas(64) std::array<double, kLanes> squared_half{};  // negative: not on this ray's way, and middle is kNever
+  double strength = 0;
   std::uint32_t source = 0;
 };
 
-// The sum's excess over 1 on a piece of a ray, by its Bernstein coefficients.
-using Quartic = std::array<double, 5>;
+// Rays, and the fields on their ways.
+struct Crossings : Lanes {
+  std::vector<Crossing> list;
+  std::vector<std::uint32_t> order;  // indices of list, by source: sums do not depend on how the fields were found
 
-std::pair<Quartic, Quartic> halves(const Quartic& c) {
-  Quartic left, right, d = c;
-  for (std::size_t level = 0; level < 5; ++level) {
-    left[level] = d[0];
-    right[4 - level] = d[4 - level];
-    for (std::size_t i = 0; i + level < 4; ++i) d[i] = 0.5 * (d[i] + d[i + 1]);
-  }
-  return {left, right};
-}
-
-int changes_of_sign(const Quartic& c) {
-  int changes = 0;
-  for (std::size_t i = 1; i < 5; ++i) changes += (c[i - 1] < 0) != (c[i] < 0);
-  return changes;
-}
-
-// The one root of a piece that begins below 0 and ends at or above it: Newton's steps where they stay between the
-// bounds, else half way.
-double only_root(const Quartic& c) {
-  double low = 0, high = 1, u = c[0] / (c[0] - c[4]);
-  for (int i = 0; i < 60 && high - low > 1e-14; ++i) {
-    // By de Casteljau: the value, and the slope from the last two points.
-    Quartic d = c;
-    for (std::size_t level = 4; level > 1; --level)
-      for (std::size_t k = 0; k < level; ++k) d[k] += u * (d[k + 1] - d[k]);
-    const double step = d[1] - d[0], v = d[0] + u * step, slope = 4 * step;
-    if (std::abs(v) < 1e-14) break;
-    (v < 0 ? low : high) = u;
-    const double next = u - v / slope;
-    u = slope > 0 && next > low && next < high ? next : 0.5 * (low + high);
-  }
-  return u;
-}
-
-// A piece that holds one rise from below to 0 or above.
-struct Rise {
-  Quartic piece;
-  double from = 0, width = 1;  // of the whole that it was halved from
-  double place() const { return piece[0] >= 0 ? from : from + width * only_root(piece); }
-};
-
-// The first rise of a piece. `below`: whether the sum has been below so far; kept up to date.
-std::optional<Rise> first_rise(const Rise& on, bool& below, int depth = 0) {
-  constexpr int kMostHalvings = 40;
-  const Quartic& c = on.piece;
-  const auto [least, most] = std::ranges::minmax(c);
-  if (!below) {
-    if (least >= 0) return std::nullopt;
-    if (c[0] < 0) below = true;
-  }
-  if (below) {
-    if (most < 0) return std::nullopt;
-    if (c[0] >= 0 || (c[4] >= 0 && changes_of_sign(c) == 1)) return on;
-  }
-  if (depth == kMostHalvings) {
-    below = c[4] < 0;
-    return std::nullopt;
-  }
-  const auto [left, right] = halves(c);
-  const double width = 0.5 * on.width;
-  if (const auto rise = first_rise({left, on.from, width}, below, depth + 1)) return rise;
-  return first_rise({right, on.from + width, width}, below, depth + 1);
-}
-
-struct Passages : Lanes {
-  std::array<std::vector<Passage>, most> of;
-  std::vector<Passage> active;  // at one place of one ray
   std::size_t begin(std::span<const Ray> rays) {
-    for (auto& list : of) list.clear();
+    std::ranges::fill(table_, 0);
+    list.clear();
     return load(rays);
   }
+  // Embree may show rays of one packet a box one after the other.
+  Crossing& of(std::uint32_t source) {
+    if (2 * list.size() >= table_.size()) grow();
+    std::uint32_t& entry = table_[slot(source)];
+    if (entry == 0) {
+      entry = static_cast<std::uint32_t>(list.size()) + 1;
+      Crossing& c = list.emplace_back();
+      c.middle.fill(kNever), c.squared_half.fill(-1);
+      c.source = source;
+    }
+    return list[entry - 1];
+  }
+  void sort() {
+    order.resize(list.size());
+    for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
+    std::ranges::sort(order, {}, [&](std::uint32_t i) { return list[i].source; });
+  }
+
+ private:
+  // Where the source is in the table, or would be.
+  std::size_t slot(std::uint32_t source) const {
+    std::size_t at = (source * 0x9E3779B1U) & (table_.size() - 1);
+    while (table_[at] != 0 && list[table_[at] - 1].source != source) at = (at + 1) & (table_.size() - 1);
+    return at;
+  }
+  void grow() {
+    table_.assign(std::max<std::size_t>(128, 2 * table_.size()), 0);
+    for (std::size_t i = 0; i < list.size(); ++i) table_[slot(list[i].source)] = static_cast<std::uint32_t>(i) + 1;
+  }
+  std::vector<std::uint32_t> table_;  // open addressing: index in list + 1, or 0
 };
+
+// Notes the ways through a field, and the entries into its ball: what lies beyond those is beyond the surface. Returns
+// as bits the lanes that enter the ball before `far`.
+SPHERULE_EVERY_PROCESSOR
+std::uint32_t cross(const Source& s, std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
+                    std::size_t end, Crossing& way, bool& any) {
+  alignas(64) std::array<double, kLanes> entries;
+  std::int32_t crosses = 0, enters = 0;
+  for (std::size_t k = begin; k < end; ++k) {
+    const double x = s.centre.x - lanes.ox[k], y = s.centre.y - lanes.oy[k], z = s.centre.z - lanes.oz[k];
+    const double along = x * lanes.dx[k] + y * lanes.dy[k] + z * lanes.dz[k];
+    const double ax = x - along * lanes.dx[k], ay = y - along * lanes.dy[k], az = z - along * lanes.dz[k];
+    const double squared_off = ax * ax + ay * ay + az * az, squared_half = s.squared_reach - squared_off;
+    const double half = std::sqrt(squared_half > 0 ? squared_half : 0), late = along - half - lanes.far[k];
+    const bool on_way = (static_cast<int>(squared_half > 0) & static_cast<int>(along + half > 0) &
+                         static_cast<int>(late <= 0) & static_cast<int>(valid[k] != 0)) != 0;
+    way.middle[k] = on_way ? along : kNever;
+    way.squared_half[k] = on_way ? squared_half : -1;
+    const double squared_chord = s.squared_ball - squared_off;
+    const double entry = along - std::sqrt(squared_chord > 0 ? squared_chord : 0);
+    const bool in = (static_cast<int>(squared_chord > 0) & static_cast<int>(entry >= 0) &
+                     static_cast<int>(entry <= lanes.far[k]) & static_cast<int>(on_way)) != 0;
+    entries[k] = in ? entry : -1;
+    crosses |= static_cast<std::int32_t>(on_way);
+    enters |= static_cast<std::int32_t>(in);
+  }
+  any = crosses != 0;
+  std::uint32_t met = 0;
+  if (enters == 0) return met;
+  for (std::size_t k = begin; k < end; ++k) {
+    if (entries[k] < 0 || (entries[k] == lanes.far[k] && index >= lanes.primitive[k])) continue;
+    lanes.far[k] = entries[k];
+    lanes.primitive[k] = index;
+    met |= 1U << k;
+  }
+  return met;
+}
+
+// Rays on the stretch of their way where the sum may come to 1.
+struct Walk {
+  alignas(64) std::array<double, kLanes> at, end;       // mm along the ray
+  alignas(64) std::array<std::int32_t, kLanes> active;  // 1, or 0: at the end, or on the surface
+  alignas(64) std::array<std::int32_t, kLanes> met;     // 1: stopped where the sum is 1
+};
+
+// From the first field to the last, or to the entry into a ball.
+SPHERULE_EVERY_PROCESSOR
+void start(const Crossings& ways, Walk& walk) {
+  alignas(64) std::array<double, kLanes> first, last, peaks{};
+  first.fill(kInfinity), last.fill(0);
+  for (const Crossing& c : ways.list)
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const double squared = c.squared_half[k] > 0 ? c.squared_half[k] : 0, half = std::sqrt(squared);
+      const double in = squared > 0 ? c.middle[k] - half : kInfinity, out = squared > 0 ? c.middle[k] + half : 0;
+      first[k] = in < first[k] ? in : first[k];
+      last[k] = out > last[k] ? out : last[k];
+      peaks[k] += c.strength * squared * squared;
+    }
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    walk.at[k] = first[k] > 0 ? first[k] : 0;
+    walk.end[k] = last[k] < ways.far[k] ? last[k] : ways.far[k];
+    walk.active[k] = peaks[k] >= 1 - kOnSurface && walk.at[k] < walk.end[k] ? 1 : 0;
+    walk.met[k] = 0;
+  }
+}
+
+// Numbers of eight rays.
+using Eight = double __attribute__((vector_size(64), may_alias));
+constexpr std::size_t kEights = kLanes / 8;
+Eight* eights(std::array<double, kLanes>& numbers) { return reinterpret_cast<Eight*>(numbers.data()); }
+const Eight* eights(const std::array<double, kLanes>& numbers) {
+  return reinterpret_cast<const Eight*>(numbers.data());
+}
+
+// Value and slope of the sum at walk.at, and the bound on its second derivative from there to `to`.
+struct Sums {
+  alignas(64) std::array<double, kLanes> value{}, slope{}, bend{};
+};
+
+SPHERULE_EVERY_PROCESSOR
+void add_up(const Crossings& ways, const Walk& walk, const std::array<double, kLanes>& to, Sums& sums) {
+  for (std::size_t h = 0; h < kEights; ++h) {
+    const Eight at = eights(walk.at)[h], next = eights(to)[h], none{};
+    Eight value{}, slope{}, bend{};
+    for (const std::uint32_t i : ways.order) {
+      const Crossing& c = ways.list[i];
+      const Eight squared_half = eights(c.squared_half)[h], a = at - eights(c.middle)[h],
+                  b = next - eights(c.middle)[h];
+      const Eight squared_a = a * a, squared_b = b * b, q = squared_half - squared_a;
+      const Eight positive = q > 0 ? q : none, sq = c.strength * positive;
+      value += sq * positive;
+      slope -= 4 * sq * a;
+      // The second derivative is strength · (12 d² - 4 squared_half) at d from the middle, 0 outside.
+      const Eight far = squared_a > squared_b ? squared_a : squared_b, d = far < squared_half ? far : squared_half;
+      const Eight most = c.strength * (12 * d - 4 * squared_half);
+      const Eight apart = a > 0 ? squared_a - squared_half : (b < 0 ? squared_b - squared_half : none - 1);
+      bend += apart > 0 ? none : most;
+    }
+    eights(sums.value)[h] = value, eights(sums.slope)[h] = slope, eights(sums.bend)[h] = bend;
+  }
+}
+
+// Walks until every ray is on the surface or at its end. `least`: mm that every step makes, below what matters.
+void march(const Crossings& ways, double least, Walk& walk) {
+  alignas(64) std::array<double, kLanes> stretch, to;
+  Sums sums;
+  for (std::size_t k = 0; k < kLanes; ++k) stretch[k] = kFirstStretch * (walk.end[k] - walk.at[k]);
+  for (bool going = true; going;) {
+    going = false;
+    for (std::size_t k = 0; k < kLanes; ++k) to[k] = std::min(walk.at[k] + stretch[k], walk.end[k]);
+    add_up(ways, walk, to, sums);
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      if (walk.active[k] == 0) continue;
+      const double missing = 1 - sums.value[k];
+      if (missing <= kOnSurface) {
+        walk.met[k] = 1, walk.active[k] = 0;
+        continue;
+      }
+      // Where the parabola comes to 1, if it does.
+      const double slope = sums.slope[k], squared = slope * slope + 2 * sums.bend[k] * missing;
+      const double below = squared >= 0 ? slope + std::sqrt(squared) : 0;
+      const double step = below > 0 ? std::max(2 * missing / below, least) : kInfinity;
+      if (walk.at[k] + step < to[k]) {
+        walk.at[k] += step, stretch[k] = kNextStretch * step;
+      } else {
+        walk.at[k] = to[k], stretch[k] *= 2;
+        if (!(walk.at[k] < walk.end[k])) walk.active[k] = 0;
+      }
+      going = going || walk.active[k] != 0;
+    }
+  }
+}
 
 class Blobs final : public Tracer, private Primitives {
  public:
   Blobs(std::span<const Sphere> spheres, double blend, const Context& context) {
-    Box all;
     for (const Sphere& s : spheres) {
       const double reach = s.radius + blend, gap = blend * (2 * s.radius + blend);
       sources_.push_back({s.centre, s.radius * s.radius, reach * reach, 1 / (gap * gap)});
-      if (s.radius > 0) all.include(Sphere{s.centre, reach});
+      if (s.radius > 0) bounds_.include(Sphere{s.centre, reach});
     }
-    if (!all.empty()) lift_ = 1e-6 * norm(all.max - all.min);
+    if (!bounds_.empty()) lift_ = 1e-6 * norm(bounds_.max - bounds_.min);
     hierarchy_.emplace(static_cast<const Primitives&>(*this), context);
   }
 
+  Box bounds() const override { return bounds_; }
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override {
-    Passages passages;
-    for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
-      const std::size_t count = passages.begin(rays.subspan(begin));
-      hierarchy_->nearest(passages, count, true);
+    Crossings ways;
+    Walk walk;
+    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      const std::size_t count = ways.begin(rays.subspan(begin));
+      hierarchy_->nearest(ways, count, true);
+      ways.sort();
+      walk_in(ways, count, walk);
       for (std::size_t i = 0; i < count; ++i) {
-        if (const auto entry = first_entry(i, passages)) {
-          const double distance = entry->from + entry->rise.place() * entry->length;
-          hits[begin + i] = {distance, strongest(passages.active, distance)};
-        } else {
-          // Nothing, or a ball's entry: rounding may hide the rise just before it.
-          hits[begin + i] = {passages.far[i], passages.primitive[i]};
-        }
+        // Nothing, or a ball's entry: rounding may hide the surface just before it.
+        Hit& hit = hits[begin + i] = {ways.far[i], ways.primitive[i], {}};
+        if (walk.met[i] != 0) hit.distance = walk.at[i];
+        if (walk.met[i] != 0 || hit) describe(ways, i, rays[begin + i].origin, hit);
       }
     }
   }
 
-  // Whether there is a rise is seen from signs; where it is does not matter.
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
-    Passages passages;
-    for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
-      const std::size_t count = passages.begin(rays.subspan(begin));
-      hierarchy_->any(passages, count, alike);
+    Crossings ways;
+    Walk walk;
+    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      const std::size_t count = ways.begin(rays.subspan(begin));
+      hierarchy_->any(ways, count, alike);
+      ways.sort();
+      walk_in(ways, count, walk);
       for (std::size_t i = 0; i < count; ++i)
-        blocked[begin + i] = passages.primitive[i] != no_primitive || first_entry(i, passages).has_value();
+        blocked[begin + i] = ways.primitive[i] != no_primitive || walk.met[i] != 0;
     }
   }
 
@@ -159,10 +278,8 @@ class Blobs final : public Tracer, private Primitives {
 
   Place place(const Ray& ray, const Hit& hit) const override {
     const Vec3 point = ray.origin + hit.distance * ray.direction;
-    Vec3 out;
-    visit(point, [&](std::uint32_t i, double) { out = out + outwards(i, point); });
-    const double length = norm(out);
-    const Vec3 normal = length > 0 ? 1 / length * out : -ray.direction;
+    const double length = norm(hit.out);
+    const Vec3 normal = length > 0 ? 1 / length * hit.out : -ray.direction;
     return {point, normal, point + lift_ * normal};
   }
 
@@ -209,131 +326,82 @@ class Blobs final : public Tracer, private Primitives {
     return box;
   }
 
-  // Notes the way through the field. What lies beyond the entry into a ball is beyond the blob's surface.
-  void meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) const override {
+  std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
+                     std::size_t end) const override {
     const Source& s = sources_[index];
-    if (!(s.squared_ball > 0)) return;
-    auto& passages = static_cast<Passages&>(lanes);
-    for (std::size_t k = begin; k < end; ++k) {
-      if (valid[k] == 0) continue;
-      const Vec3 direction{lanes.dx[k], lanes.dy[k], lanes.dz[k]};
-      const Vec3 v = s.centre - Vec3{lanes.ox[k], lanes.oy[k], lanes.oz[k]};
-      const double along = dot(v, direction), off = squared_norm(v - along * direction);
-      if (!(s.squared_reach > off)) continue;
-      const double squared_half = s.squared_reach - off, half = std::sqrt(squared_half);
-      if (along + half <= 0 || along - half > lanes.far[k]) continue;
-      passages.of[k].push_back({along - half, along + half, s.strength * squared_half * squared_half, index});
-      if (!(s.squared_ball > off)) continue;
-      const double entry = along - std::sqrt(s.squared_ball - off);
-      if (entry < 0 || entry > lanes.far[k] || (entry == lanes.far[k] && index >= lanes.primitive[k])) continue;
-      lanes.far[k] = entry;
-      lanes.primitive[k] = index;
+    if (!(s.squared_ball > 0)) return 0;
+    Crossing way;
+    bool any = false;
+    const std::uint32_t met = cross(s, index, lanes, valid, begin, end, way, any);
+    if (!any) return met;
+    Crossing& noted = static_cast<Crossings&>(lanes).of(index);
+    noted.strength = s.strength;
+    for (std::size_t k = begin; k < end; ++k)
+      if (valid[k] != 0) noted.middle[k] = way.middle[k], noted.squared_half[k] = way.squared_half[k];
+    return met;
+  }
+
+  // Walks the first `count` rays to where they enter.
+  void walk_in(const Crossings& ways, std::size_t count, Walk& walk) const {
+    start(ways, walk);
+    bool any = false;
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      if (k >= count) walk.active[k] = 0;
+      if (walk.active[k] != 0 && walk.at[k] == 0) walk_out(ways, k, walk);
+      any = any || walk.active[k] != 0;
+    }
+    if (any) march(ways, 1e-6 * lift_, walk);
+  }
+
+  // A ray may start inside; it has not entered then, and first leaves. The second derivative of a field is nowhere
+  // below -4 strength · squared_half.
+  void walk_out(const Crossings& ways, std::size_t k, Walk& walk) const {
+    for (;;) {
+      double value = 0, slope = 0, bend = 0;
+      for (const std::uint32_t i : ways.order) {
+        const Crossing& c = ways.list[i];
+        const double squared_half = std::max(0.0, c.squared_half[k]), d = walk.at[k] - c.middle[k];
+        const double q = std::max(0.0, squared_half - d * d);
+        value += c.strength * q * q, slope -= 4 * c.strength * q * d, bend += 4 * c.strength * squared_half;
+      }
+      const double over = value - 1;
+      if (over < -kOnSurface) return;
+      const double step = over > 0 ? 2 * over / (std::sqrt(slope * slope + 2 * bend * over) - slope) : 0;
+      walk.at[k] += std::max(step, 1e-6 * lift_);
+      if (walk.at[k] >= walk.end[k]) walk.active[k] = 0;
+      if (walk.active[k] == 0) return;
+    }
+  }
+
+  // Sets the strongest source and the direction to the outside.
+  void describe(const Crossings& ways, std::size_t k, Vec3 origin, Hit& hit) const {
+    const Vec3 point = origin + hit.distance * Vec3{ways.dx[k], ways.dy[k], ways.dz[k]};
+    double most = -1;
+    for (const std::uint32_t i : ways.order) {
+      const Crossing& c = ways.list[i];
+      const double d = hit.distance - c.middle[k], q = c.squared_half[k] - d * d;
+      if (!(q > 0)) continue;
+      if (c.strength * q * q > most) most = c.strength * q * q, hit.primitive = c.source;
+      hit.out = hit.out + c.strength * q * (point - sources_[c.source].centre);
     }
   }
 
   // Calls f(source, field) for every field at a point, in the sources' order.
   template <typename F>
   void visit(Vec3 point, F f) const {
-    Passages passages;
+    Crossings ways;
     const Ray ray{point, {0, 0, 1}, lift_};
-    hierarchy_->nearest(passages, passages.begin(std::span(&ray, 1)), false);
-    auto& list = passages.of[0];
-    std::ranges::sort(list, {}, &Passage::source);
-    list.erase(std::ranges::unique(list, {}, &Passage::source).begin(), list.end());
-    for (const Passage& p : list) {
-      const Source& s = sources_[p.source];
+    hierarchy_->nearest(ways, ways.begin(std::span(&ray, 1)), false);
+    ways.sort();
+    for (const std::uint32_t i : ways.order) {
+      const Source& s = sources_[ways.list[i].source];
       const double q = s.squared_reach - squared_norm(point - s.centre);
-      if (q > 0) f(p.source, s.strength * q * q);
+      if (q > 0) f(ways.list[i].source, s.strength * q * q);
     }
-  }
-
-  Vec3 outwards(std::uint32_t i, Vec3 point) const {
-    const Source& s = sources_[i];
-    const Vec3 v = point - s.centre;
-    return s.strength * (s.squared_reach - squared_norm(v)) * v;
-  }
-
-  // The excess of the active fields over 1 between two places of a ray.
-  Quartic excess(std::span<const Passage> active, double from, double to) const {
-    Quartic sum{-1, -1, -1, -1, -1};
-    for (const Passage& p : active) {
-      const Source& s = sources_[p.source];
-      // The quadratic (t - in)(out - t), in Bernstein form on the piece, then squared.
-      const double b0 = std::max(0.0, (from - p.in) * (p.out - from)), b2 = std::max(0.0, (to - p.in) * (p.out - to));
-      const double b1 = 0.5 * ((from - p.in) * (p.out - to) + (to - p.in) * (p.out - from));
-      sum[0] += s.strength * b0 * b0;
-      sum[1] += s.strength * b0 * b1;
-      sum[2] += s.strength * (b0 * b2 + 2 * b1 * b1) / 3;
-      sum[3] += s.strength * b1 * b2;
-      sum[4] += s.strength * b2 * b2;
-    }
-    return sum;
-  }
-
-  // Where a ray first comes from outside to inside, and the part of the ray that it is in.
-  struct Entry {
-    Rise rise;
-    double from = 0, length = 0;
-  };
-
-  // Of one lane, up to its `far`; leaves the fields that act there in passages.active.
-  std::optional<Entry> first_entry(std::size_t lane, Passages& passages) const {
-    auto& list = passages.of[lane];
-    const double end = passages.far[lane];
-    std::erase_if(list, [&](const Passage& p) { return p.in > end; });
-    if (peaks(list) < 1) return std::nullopt;
-    std::ranges::sort(
-        list, [](const Passage& a, const Passage& b) { return a.in != b.in ? a.in < b.in : a.source < b.source; });
-    // Embree may show a packet a box twice.
-    const auto same = [](const Passage& a, const Passage& b) { return a.source == b.source; };
-    list.erase(std::unique(list.begin(), list.end(), same), list.end());
-    auto& active = passages.active;
-    active.clear();
-    bool below = true, started = false;
-    double from = 0;
-    for (std::size_t next = 0; next < list.size() || !active.empty();) {
-      if (active.empty()) from = std::max(from, list[next].in);
-      while (next < list.size() && list[next].in <= from) active.push_back(list[next++]);
-      double to = next < list.size() ? list[next].in : std::numeric_limits<double>::infinity();
-      for (const Passage& p : active) to = std::min(to, p.out);
-      to = std::min(to, end);
-      if (to > from) {
-        if (peaks(active) < 1) {
-          below = true;
-        } else {
-          const Rise whole{excess(active, from, to)};
-          // A ray may start inside; it has not entered then.
-          if (!started) below = whole.piece[0] < 0;
-          if (const auto rise = first_rise(whole, below)) return Entry{*rise, from, to - from};
-        }
-        started = true;
-      }
-      if (!(to < end)) break;
-      from = to;
-      std::erase_if(active, [&](const Passage& p) { return p.out <= from; });
-    }
-    return std::nullopt;
-  }
-
-  // No less than the sum of these fields anywhere on the ray.
-  static double peaks(std::span<const Passage> passages) {
-    double sum = 0;
-    for (const Passage& p : passages) sum += p.peak;
-    return sum;
-  }
-
-  std::uint32_t strongest(std::span<const Passage> active, double distance) const {
-    std::uint32_t best = active.front().source;
-    double most = -1;
-    for (const Passage& p : active) {
-      const double q = (distance - p.in) * (p.out - distance);
-      const double field = sources_[p.source].strength * q * q;
-      if (field > most) most = field, best = p.source;
-    }
-    return best;
   }
 
   std::vector<Source> sources_;
+  Box bounds_;
   double lift_ = 0;
   std::optional<Hierarchy> hierarchy_;
 };

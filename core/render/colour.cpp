@@ -36,35 +36,16 @@ Vec3 spline(Vec3 a, Vec3 b, Vec3 c, Vec3 d, double t) {
   return 0.5 * (2 * b + t * (c - a) + t * t * (2 * a - 5 * b + 4 * c - d) + t * t * t * (3 * (b - c) + d - a));
 }
 
-// sRGB's curve, both 0 … 1.
-double decoded(double c) { return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4); }
-
 }  // namespace
 
-std::uint8_t to_srgb(double linear) {
-  // least[i] is where linear light begins to be i; guess[k] is the encoding of k / kCodes.
-  constexpr std::size_t kCodes = 4096;
-  struct Table {
-    std::array<double, 257> least{};
-    std::array<std::uint8_t, kCodes + 1> guess{};
-    Table() {
-      for (std::size_t i = 1; i < 256; ++i) least[i] = decoded((static_cast<double>(i) - 0.5) / 255);
-      least[256] = 2;
-      for (std::size_t k = 1; k <= kCodes; ++k) {
-        guess[k] = guess[k - 1];
-        while (static_cast<double>(k) / kCodes >= least[guess[k] + 1U]) ++guess[k];
-      }
-    }
-  };
-  static const Table table;
-  if (!(linear > 0)) return 0;
-  if (linear >= 1) return 255;
-  std::size_t encoded = table.guess[static_cast<std::size_t>(linear * kSteps)];
-  while (linear >= table.least[encoded + 1]) ++encoded;
-  return static_cast<std::uint8_t>(encoded);
+double light_of_srgb(double encoded) {
+  return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
 }
 
-double from_srgb(std::uint8_t encoded) { return decoded(encoded / 255.0); }
+std::uint8_t to_srgb(double linear) {
+  static const ByteCurve curve([](double shown) { return shown; });
+  return curve(linear);
+}
 
 Colour from_oklab(Vec3 lab) {
   const Mat3 to_roots{{Vec3{1, 0.3963377774, 0.2158037573}, Vec3{1, -0.1055613458, -0.0638541728},

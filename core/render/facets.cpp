@@ -17,14 +17,14 @@ class Facets final : public Tracer, private Primitives {
  public:
   Facets(std::span<const Vec3> vertices, std::span<const Triangle> triangles, bool smooth, const Context& context)
       : vertices_(vertices), triangles_(triangles), smooth_(smooth) {
-    Box all;
-    for (const Vec3 v : vertices) all.include(v);
-    if (!all.empty()) lift_ = 1e-7 * norm(all.max - all.min);
+    for (const Vec3 v : vertices) bounds_.include(v);
+    if (!bounds_.empty()) lift_ = 1e-7 * norm(bounds_.max - bounds_.min);
     hierarchy_.emplace(static_cast<const Primitives&>(*this), context);
     set_normals();
     set_curvatures();
   }
 
+  Box bounds() const override { return bounds_; }
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override { hierarchy_->first_hits(rays, hits); }
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
     hierarchy_->blocked(rays, blocked, alike);
@@ -78,7 +78,9 @@ class Facets final : public Tracer, private Primitives {
     return box;
   }
 
-  void meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) const override {
+  std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
+                     std::size_t end) const override {
+    std::uint32_t met = 0;
     const Triangle& t = triangles_[index];
     for (std::size_t k = begin; k < end; ++k) {
       if (valid[k] == 0) continue;
@@ -94,7 +96,9 @@ class Facets final : public Tracer, private Primitives {
         continue;
       lanes.far[k] = distance;
       lanes.primitive[k] = index;
+      met |= 1U << k;
     }
+    return met;
   }
 
   Vec3 flat_normal(std::uint32_t index) const {
@@ -166,6 +170,7 @@ class Facets final : public Tracer, private Primitives {
   bool smooth_;
   std::vector<Vec3> normals_;       // of the vertices
   std::vector<double> curvatures_;  // of the vertices
+  Box bounds_;
   double lift_ = 0;
   std::optional<Hierarchy> hierarchy_;
 };

@@ -1,25 +1,33 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Light and pixels. Every random-looking choice is a low-discrepancy sequence shifted by the pixel's coordinates
-// (M. Roberts, The Unreasonable Effectiveness of Quasirandom Sequences, 2018), so a pixel's colour depends on nothing
-// but the scene and the pixel.
+// Light and pixels. Every random-looking choice is a point of a low-discrepancy sequence that the pixel's coordinates
+// choose (M. Roberts, The Unreasonable Effectiveness of Quasirandom Sequences, 2018), so a pixel's colour depends on
+// nothing but the scene and the pixel.
 #include "core/render/scene.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <mutex>
 #include <numbers>
 
 #include "core/base/parallel.h"
+#include "core/render/openness.h"
 
 namespace spherule {
 namespace {
 
 constexpr int kTile = 64;    // pixels
-constexpr int kReach = 3;    // pixels over which sky light is smoothed
+constexpr int kBlock = 4;    // pixels; sight lines of a block are traced together
 constexpr int kSkyRays = 4;  // of a pixel
-constexpr double kCosine =
-    0.992;  // of the angle between neighbouring normals from which on a pixel is looked at closely
+// Pixels that differ by more from the mean of their two neighbours along a row, a column or a diagonal (twice the
+// difference, in bytes, summed over the channels) are looked at closely: at an edge of 0.1 of a channel's range, the
+// threshold that POV-Ray uses for differences, but not where shades change evenly.
+constexpr int kVisible = 25;
+constexpr double kAlike = 0.97;  // cosine between normals of places that see as much of the lamp and the sky
 
 // The look: a warm key light over the viewer's left shoulder, a cooler sky brighter above and behind the viewer than
 // below.
@@ -28,6 +36,8 @@ constexpr double kKeyRadius = 0.10;  // tangent of the half angle under which th
 constexpr Colour kSkyAbove{0.27, 0.32, 0.40};
 constexpr Colour kSkyBelow{0.20, 0.14, 0.10};
 constexpr Colour kSkyBehindViewer{0.16, 0.16, 0.16};
+
+constexpr double kExposure = 1.25;
 
 Vec3 towards_key(const Camera& camera) {
   return normalised(-0.60 * camera.right + 0.70 * camera.up - 0.62 * camera.forward);
@@ -40,21 +50,26 @@ double behind(Background background, int y, int height) {
   return 0.35 + 0.45 * (y + 0.5) / height;
 }
 
-// A point of the unit square: element `index` of the R2 sequence, shifted by the pixel.
-struct Square {
-  double u, v;
-};
-Square quasi_random(int x, int y, int index, int stream) {
-  constexpr double kA = 0.75487766624669276, kB = 0.56984029099805327;  // 1/p and 1/p², p³ = p + 1
-  const auto fraction = [](double t) { return t - std::floor(t); };
-  const double shift = kA * x + kB * y;  // neighbours differ much, so errors look like fine grain
-  const double i = index + 1;
-  return {fraction(shift + i * kA + 0.31 * stream), fraction(fraction(shift * 3.7) + i * kB + 0.57 * stream)};
+// The R2 sequence: element n is (n/p, n/p²) without the whole parts, p³ = p + 1.
+constexpr double kA = 0.75487766624669276, kB = 0.56984029099805327;
+
+// Where in a sequence a pixel begins; neighbours are far from each other, so errors look like fine grain.
+constexpr std::uint32_t kGrains = 256;
+std::uint32_t grain(int x, int y) {
+  return (static_cast<std::uint32_t>(x) * 0xC13FA9A9U + static_cast<std::uint32_t>(y) * 0x91E10DA5U) >> 24;  // kA, kB
 }
 
-Vec3 on_unit_sphere(Square s) {
-  const double z = 1 - 2 * s.u, radius = std::sqrt(std::max(0.0, 1 - z * z)), angle = 2 * std::numbers::pi * s.v;
-  return {radius * std::cos(angle), radius * std::sin(angle), z};
+// Points evenly spread over the unit sphere: `each` for every grain.
+std::vector<Vec3> sphere_points(std::uint32_t each) {
+  std::vector<Vec3> points;
+  points.reserve(kGrains * each);
+  for (std::uint32_t i = 0; i < kGrains * each; ++i) {
+    const double u = kA * (i + 0.5), v = kB * (i + 0.5);
+    const double z = 1 - 2 * (u - std::floor(u)), radius = std::sqrt(std::max(0.0, 1 - z * z));
+    const double angle = 2 * std::numbers::pi * v;
+    points.push_back({radius * std::cos(angle), radius * std::sin(angle), z});
+  }
+  return points;
 }
 
 // Mean over the lamp of the cosine with the normal, where that is positive, from the one at the lamp's centre: the
@@ -66,88 +81,138 @@ double mean_cosine(double centre) {
   return (centre + kKeyRadius) * (centre + kKeyRadius) / (4 * kKeyRadius);
 }
 
-// Proportional to the cosine with the normal: a point of the sphere that rests on the surface.
-Vec3 sky_direction(Vec3 normal, Square s) {
-  const Vec3 d = normal + on_unit_sphere(s);
+// Proportional to the cosine with the normal, for an even point of the unit sphere: that of the sphere that rests on
+// the surface.
+Vec3 sky_direction(Vec3 normal, Vec3 point) {
+  const Vec3 d = normal + point;
   const double length = norm(d);
   return length > 1e-6 ? (1 / length) * d : normal;
 }
 
+// From light to what is shown of it.
+const ByteCurve& exposure_curve() {
+  static const ByteCurve curve([](double shown) { return -std::log(1 - shown) / kExposure; });
+  return curve;
+}
+
+// One flag a pixel: something small may be seen in it, or in a pixel beside it.
+std::vector<std::uint8_t> pixels_with_specks(const Scene& scene, const Camera& camera, const Exposure& exposure) {
+  std::vector<std::uint8_t> flags;
+  for (const Sphere& s : scene.specks) {
+    const Vec3 seen = camera.seen_at(s.centre);
+    if (!(seen.z > 0)) continue;
+    const double scale = camera.projection == Projection::orthographic ? camera.mm_per_pixel
+                                                                       : camera.mm_per_pixel * seen.z / camera.distance;
+    if (s.radius > 1.5 * scale) continue;
+    const double x = std::floor(seen.x + 0.5 * exposure.width), y = std::floor(seen.y + 0.5 * exposure.height);
+    if (!(x > -2 && y > -2 && x < exposure.width + 1 && y < exposure.height + 1)) continue;
+    if (flags.empty())
+      flags.resize(static_cast<std::size_t>(exposure.width) * static_cast<std::size_t>(exposure.height));
+    for (int v = std::max(0, static_cast<int>(y) - 1); v <= std::min(exposure.height - 1, static_cast<int>(y) + 1); ++v)
+      for (int u = std::max(0, static_cast<int>(x) - 1); u <= std::min(exposure.width - 1, static_cast<int>(x) + 1);
+           ++u)
+        flags[static_cast<std::size_t>(v) * static_cast<std::size_t>(exposure.width) + static_cast<std::size_t>(u)] = 1;
+  }
+  return flags;
+}
+
+// What all tiles of a picture share.
+struct Studio {
+  const Scene& scene;
+  const Camera& camera;
+  const Exposure& exposure;
+  const Context& context;
+  Vec3 lamp = towards_key(camera);  // its middle
+  std::uint32_t samples =           // of a pixel that is looked at closely
+      static_cast<std::uint32_t>(exposure.samples_per_axis * exposure.samples_per_axis);
+  std::vector<Vec3> to_lamp{};                      // directions to points of the lamp, one for every grain
+  std::vector<Vec3> sky = sphere_points(kSkyRays);  // kSkyRays for every grain
+  std::vector<std::uint8_t> closely = pixels_with_specks(scene, camera, exposure);  // or empty: none
+  const ByteCurve& exposed = exposure_curve();
+  double box_left = 0, box_top = 0, box_right = 0, box_bottom = 0;  // pixels beyond show nothing
+};
+
+// A place of the picture, in pixels from its upper left corner.
+struct Spot {
+  double x, y;
+};
+
 // Where a sight line meets a body.
 struct Sight {
   Place place;
-  Colour base;        // what part of the light it reflects
-  double depth = -1;  // mm along the line; negative: nothing was met
-  bool cut = false;   // on the clipping plane
-  bool met() const { return depth >= 0; }
+  Colour base;             // what part of the light it reflects
+  double depth = 0;        // mm along the line
+  std::uint32_t spot = 0;  // whose line it is
+  bool cut = false;        // on the clipping plane
 };
 
-// Of each body, of each of a list of places.
-using Sights = std::vector<std::vector<Sight>>;
-
-// What one body sends to one pixel.
-struct Share {
-  double weight = 0;  // part of the pixel's light that it decides
-  Colour key, sky;    // light sent on; sky is still to be dimmed by what hides it
-  void add(double w, const Sight& sight, Colour key_light, Colour open_sky) {
-    weight += w;
-    key = key + w * mixed(sight.base, key_light);
-    sky = sky + w * mixed(sight.base, open_sky);
+// What a list of sight lines meets of one body.
+struct Sights {
+  std::vector<Sight> met;
+  std::vector<std::int32_t> of_spot;  // index into met; negative: nothing is met
+  const Sight* at(std::size_t spot) const {
+    return of_spot[spot] < 0 ? nullptr : &met[static_cast<std::size_t>(of_spot[spot])];
   }
 };
+using Views = std::array<Sights, Scene::most_bodies>;
 
-// One tile with its surroundings, while it is drawn.
+// What a pixel sends.
+struct Sum {
+  Colour light;
+  double coverage = 0;
+};
+
+// Draws tiles, one at a time; keeps its memory from tile to tile.
 class Tile {
  public:
-  Tile(const Scene& scene, const Camera& camera, const Exposure& exposure, const std::vector<std::uint8_t>& closely,
-       const Context& context, int left, int top)
-      : scene_(scene),
-        camera_(camera),
-        exposure_(exposure),
-        closely_(closely),
-        context_(context),
-        lamp_(towards_key(camera)),
-        left_(left),
-        top_(top),
-        right_(std::min(left + kTile, exposure.width)),
-        bottom_(std::min(top + kTile, exposure.height)),
-        x0_(std::max(0, left - margin())),
-        y0_(std::max(0, top - margin())),
-        x1_(std::min(right_ + margin(), exposure.width)),
-        y1_(std::min(bottom_ + margin(), exposure.height)) {}
+  explicit Tile(const Studio& studio)
+      : studio_(studio), scene_(studio.scene), camera_(studio.camera), exposure_(studio.exposure) {}
 
-  void draw(Image& image) {
+  void draw(int left, int top, Image& image) {
+    left_ = left, top_ = top;
+    right_ = std::min(left + kTile, exposure_.width), bottom_ = std::min(top + kTile, exposure_.height);
+    x0_ = std::max(0, left - margin()), y0_ = std::max(0, top - margin());
+    x1_ = std::min(right_ + margin(), exposure_.width), y1_ = std::min(bottom_ + margin(), exposure_.height);
+    if (!may_show()) return leave(image);
     look();
-    if (closely_.empty() &&
-        std::ranges::none_of(centre_, [](const auto& sights) { return std::ranges::any_of(sights, &Sight::met); })) {
-      for (int y = top_; y < bottom_; ++y)
-        for (int x = left_; x < right_; ++x) write(image.at(x, y), {}, 0, y);
-      return;
-    }
-    light_keys();
+    if (studio_.closely.empty() && std::ranges::all_of(centre_, [](const Sights& s) { return s.met.empty(); }))
+      return leave(image);
+    find_openness();
+    develop();
     find_busy();
-    light_sky();
-    for (int y = top_; y < bottom_; ++y) {
-      context_.throw_if_cancelled();
-      draw_row(image, y);
-    }
+    for (int y = top_; y < bottom_; ++y) std::copy_n(shown(left_, y), 4 * (right_ - left_), image.at(left_, y));
+    look_closely(image);
   }
 
  private:
-  // Pixels around the tile whose sights matter to it.
-  int margin() const { return scene_.ambient_occlusion ? kReach + 1 : 1; }
+  // Pixels around the tile that matter to it.
+  int margin() const {
+    return (scene_.shadows || scene_.ambient_occlusion ? OpennessMap::reach : 0) + (studio_.samples > 1 ? 1 : 0);
+  }
   std::size_t at(int x, int y) const {
     return static_cast<std::size_t>(y - y0_) * static_cast<std::size_t>(x1_ - x0_) + static_cast<std::size_t>(x - x0_);
   }
   std::size_t area() const { return static_cast<std::size_t>(x1_ - x0_) * static_cast<std::size_t>(y1_ - y0_); }
+  std::uint8_t* shown(int x, int y) { return &shown_[4 * at(x, y)]; }
+  const std::uint8_t* shown(int x, int y) const { return &shown_[4 * at(x, y)]; }
+
+  bool may_show() const {
+    return right_ > studio_.box_left && left_ < studio_.box_right && bottom_ > studio_.box_top &&
+           top_ < studio_.box_bottom;
+  }
+  void leave(Image& image) const {
+    for (int y = top_; y < bottom_; ++y)
+      for (int x = left_; x < right_; ++x) std::ranges::copy(ground(y), image.at(x, y));
+  }
 
   // The part of a sight line that is in the clipping half-space.
   struct SightLine {
     Ray ray;
     bool whole = true;  // starts at the viewer, not on the clipping plane
   };
-  SightLine sight_line(double x, double y) const {
-    const auto [origin, direction] = camera_.line_of_sight(x - 0.5 * exposure_.width, y - 0.5 * exposure_.height);
+  SightLine sight_line(const Spot& spot) const {
+    const auto [origin, direction] =
+        camera_.line_of_sight(spot.x - 0.5 * exposure_.width, spot.y - 0.5 * exposure_.height);
     SightLine line{{origin, direction}};
     if (!scene_.clip) return line;
     const double height = dot(scene_.clip->normal, origin) - scene_.clip->offset;
@@ -171,33 +236,40 @@ class Tile {
     return body.table.empty() ? body.material : body.tracer->colour(point, hit, body.table);
   }
 
-  // Where the sight lines of these places of the picture meet each body.
-  Sights see(std::span<const std::array<double, 2>> places) const {
-    std::vector<Ray> rays;
-    std::vector<std::uint8_t> whole;
-    rays.reserve(places.size());
-    for (const auto& [x, y] : places) {
-      const SightLine line = sight_line(x, y);
-      rays.push_back(line.ray);
-      whole.push_back(line.whole);
-    }
-    Sights sights(scene_.bodies.size(), std::vector<Sight>(places.size()));
-    std::vector<Hit> hits(places.size());
-    for (std::size_t b = 0; b < sights.size(); ++b) {
-      const Body& body = scene_.bodies[b];
-      body.tracer->first_hits(rays, hits);
-      for (std::size_t i = 0; i < rays.size(); ++i) {
-        Sight& sight = sights[b][i];
-        if (!whole[i] && body.tracer->inside(rays[i].origin)) {
-          sight = {{rays[i].origin, scene_.clip->normal, rays[i].origin}, body.material, 0, true};
-        } else if (hits[i]) {
-          sight.place = body.tracer->place(rays[i], hits[i]);
-          sight.base = base_colour(body, sight.place.point, hits[i]);
-          sight.depth = hits[i].distance;
+  // Where the sight lines of these places meet each body.
+  void see(std::span<const Spot> spots, Views& views) const {
+    constexpr std::size_t kRays = kBlock * kBlock;
+    std::array<Ray, kRays> rays;
+    std::array<bool, kRays> whole;
+    std::array<Hit, kRays> hits;
+    for (Sights& sights : views) sights.met.clear(), sights.of_spot.assign(spots.size(), -1);
+    for (std::size_t begin = 0; begin < spots.size(); begin += kRays) {
+      const std::size_t count = std::min(kRays, spots.size() - begin);
+      for (std::size_t i = 0; i < count; ++i) {
+        const SightLine line = sight_line(spots[begin + i]);
+        rays[i] = line.ray, whole[i] = line.whole;
+      }
+      for (std::size_t b = 0; b < scene_.bodies.size(); ++b) {
+        const Body& body = scene_.bodies[b];
+        body.tracer->first_hits({rays.data(), count}, {hits.data(), count});
+        for (std::size_t i = 0; i < count; ++i) {
+          const bool cut = !whole[i] && body.tracer->inside(rays[i].origin);
+          if (!cut && !hits[i]) continue;
+          views[b].of_spot[begin + i] = static_cast<std::int32_t>(views[b].met.size());
+          Sight& sight = views[b].met.emplace_back();
+          sight.spot = static_cast<std::uint32_t>(begin + i);
+          sight.cut = cut;
+          if (cut) {
+            sight.place = {rays[i].origin, scene_.clip->normal, rays[i].origin};
+            sight.base = body.material;
+          } else {
+            sight.place = body.tracer->place(rays[i], hits[i]);
+            sight.base = base_colour(body, sight.place.point, hits[i]);
+            sight.depth = hits[i].distance;
+          }
         }
       }
     }
-    return sights;
   }
 
   Ray from(const Place& place, Vec3 direction) const {
@@ -208,262 +280,239 @@ class Tile {
     return ray;
   }
 
-  // The part of the light along each ray that gets through the bodies.
-  std::vector<double> passing(std::span<const Ray> rays, bool alike) const {
-    std::vector<double> open(rays.size(), 1);
-    std::vector<std::uint8_t> blocked(rays.size());
+  // The part of the light along each of rays_ that gets through the bodies, into open_.
+  void let_through(bool alike) {
+    open_.assign(rays_.size(), 1);
+    blocked_.resize(rays_.size());
     for (const Body& body : scene_.bodies) {
-      body.tracer->blocked(rays, blocked, alike);
-      for (std::size_t i = 0; i < rays.size(); ++i)
-        if (blocked[i] != 0) open[i] *= 1 - body.opacity;
+      body.tracer->blocked(rays_, blocked_, alike);
+      for (std::size_t i = 0; i < rays_.size(); ++i)
+        if (blocked_[i] != 0) open_[i] *= 1 - body.opacity;
     }
-    return open;
   }
 
-  // One shadow ray to a point of the lamp for each sight, where it faces the lamp.
-  struct Asked {
-    int x, y, index;
-    const Sight* sight;
-  };
-  std::vector<Colour> key_light_on(std::span<const Asked> asked) const {
-    std::vector<Colour> light(asked.size());
-    std::vector<Ray> rays;
-    std::vector<std::size_t> of;
-    for (std::size_t i = 0; i < asked.size(); ++i) {
-      const auto& [x, y, index, sight] = asked[i];
-      if (!scene_.shadows || sight->cut) {
-        light[i] = std::max(0.0, dot(sight->place.normal, lamp_)) * kKey;
-        continue;
-      }
-      const double cosine = mean_cosine(dot(sight->place.normal, lamp_));
-      if (cosine <= 0) continue;
-      light[i] = cosine * kKey;
-      Vec3 towards = normalised(lamp_ + kKeyRadius * on_unit_sphere(quasi_random(x, y, index, 1)));
-      // Only the part of the lamp that the place faces can be hidden by others.
-      const double height = dot(sight->place.normal, towards);
-      if (height < 0) towards = towards - 2 * height * sight->place.normal;
-      rays.push_back(from(sight->place, towards));
-      of.push_back(i);
-    }
-    const std::vector<double> open = passing(rays, true);
-    for (std::size_t r = 0; r < rays.size(); ++r) light[of[r]] = open[r] * light[of[r]];
-    return light;
-  }
-
+  // The middles of the tile's pixels, in blocks.
   void look() {
-    std::vector<std::array<double, 2>> places;
-    places.reserve(area());
-    for (int y = y0_; y < y1_; ++y)
-      for (int x = x0_; x < x1_; ++x) places.push_back({x + 0.5, y + 0.5});
-    centre_ = see(places);
-    context_.throw_if_cancelled();
+    spots_.clear();
+    for (int top = y0_; top < y1_; top += kBlock)
+      for (int left = x0_; left < x1_; left += kBlock)
+        for (int y = top; y < std::min(top + kBlock, y1_); ++y)
+          for (int x = left; x < std::min(left + kBlock, x1_); ++x) spots_.push_back({x + 0.5, y + 0.5});
+    see(spots_, centre_);
+    of_pixel_.resize(area());
+    for (std::size_t s = 0; s < spots_.size(); ++s)
+      of_pixel_[at(static_cast<int>(spots_[s].x), static_cast<int>(spots_[s].y))] = static_cast<std::uint32_t>(s);
+    studio_.context.throw_if_cancelled();
   }
+  Vec3 in_pixels(Vec3 point) const { return 1 / camera_.mm_per_pixel * (point - camera_.centre); }
 
-  void light_keys() {
-    keys_.resize(scene_.bodies.size());
-    for (std::size_t b = 0; b < centre_.size(); ++b) {
-      std::vector<Asked> asked;
-      for (int y = y0_; y < y1_; ++y)
-        for (int x = x0_; x < x1_; ++x)
-          if (const Sight& sight = centre_[b][at(x, y)]; sight.met()) asked.push_back({x, y, 0, &sight});
-      const auto light = key_light_on(asked);
-      keys_[b].assign(area(), {});
-      for (std::size_t i = 0; i < asked.size(); ++i) keys_[b][at(asked[i].x, asked[i].y)] = light[i];
-    }
-    context_.throw_if_cancelled();
-  }
-
-  bool differ(std::size_t b, std::size_t p, std::size_t q) const {
-    const Sight &s = centre_[b][p], &t = centre_[b][q];
-    if (s.met() != t.met()) return true;
-    if (!s.met()) return false;
-    if (s.cut != t.cut || dot(s.place.normal, t.place.normal) < kCosine) return true;
-    if (squared_norm(s.base - t.base) > 4e-4) return true;
-    if ((squared_norm(keys_[b][p]) > 0) != (squared_norm(keys_[b][q]) > 0)) return true;
-    return std::abs(dot(s.place.normal, t.place.point - s.place.point)) > camera_.mm_per_pixel;
-  }
-
-  // Pixels that differ from a neighbour are looked at closely.
-  void find_busy() {
-    busy_.assign(area(), 0);
-    if (exposure_.samples_per_axis == 1) return;  // the centre is all there is to see
-    for (int y = y0_; y < y1_; ++y)
-      for (int x = x0_; x < x1_; ++x) {
-        const std::size_t p = at(x, y);
-        if (!closely_.empty() && closely_[static_cast<std::size_t>(y) * static_cast<std::size_t>(exposure_.width) +
-                                          static_cast<std::size_t>(x)] != 0)
-          busy_[p] = 1;
-        for (const auto& [dx, dy] : {std::pair{1, 0}, {0, 1}, {1, 1}, {-1, 1}}) {
-          if (x + dx < x0_ || x + dx >= x1_ || y + dy >= y1_) continue;
-          const std::size_t q = at(x + dx, y + dy);
-          for (std::size_t b = 0; b < centre_.size(); ++b)
-            if (differ(b, p, q)) busy_[p] = busy_[q] = 1;
-        }
-      }
-  }
-
-  // The part of the sky that each pixel's place sees, by a few rays; smoothing comes later.
-  void light_sky() {
-    open_.resize(centre_.size());
-    if (!scene_.ambient_occlusion) return;
-    for (std::size_t b = 0; b < centre_.size(); ++b) {
-      open_[b].assign(area(), 1);
-      std::vector<Ray> rays;
-      for (int y = y0_; y < y1_; ++y) {
-        rays.clear();
-        for (int x = x0_; x < x1_; ++x) {
-          const Sight& sight = centre_[b][at(x, y)];
-          if (!sight.met() || sight.cut) continue;
-          for (int i = 0; i < kSkyRays; ++i)
-            rays.push_back(from(sight.place, sky_direction(sight.place.normal, quasi_random(x, y, i, 0))));
-        }
-        const std::vector<double> open = passing(rays, false);
-        std::size_t next = 0;
-        for (int x = x0_; x < x1_; ++x) {
-          const Sight& sight = centre_[b][at(x, y)];
-          if (!sight.met() || sight.cut) continue;
-          double sum = 0;
-          for (int i = 0; i < kSkyRays; ++i) sum += open[next++];
-          open_[b][at(x, y)] = sum / kSkyRays;
-        }
-        context_.throw_if_cancelled();
-      }
+  // Asks for the light that comes to the places at the pixels' middles.
+  void find_openness() {
+    for (std::size_t b = 0; b < scene_.bodies.size(); ++b) {
+      OpennessMap& map = openness_[b];
+      map.reset(x1_ - x0_, y1_ - y0_);
+      for (const Sight& sight : centre_[b].met)
+        map.place(pixel_x(sight), pixel_y(sight), in_pixels(sight.place.point), sight.place.normal);
+      if (scene_.shadows) ask_lamp(centre_[b].met, map);
+      if (scene_.ambient_occlusion) ask_sky(centre_[b].met, map);
     }
   }
+  int pixel_x(const Sight& sight) const { return static_cast<int>(spots_[sight.spot].x) - x0_; }
+  int pixel_y(const Sight& sight) const { return static_cast<int>(spots_[sight.spot].y) - y0_; }
+  std::uint32_t grain_of(const Sight& sight) const { return grain(x0_ + pixel_x(sight), y0_ + pixel_y(sight)); }
 
-  // The sky that a place near pixel (x, y) sees: of the neighbours on the same smooth surface.
-  double open_sky(std::size_t b, int x, int y, const Sight& sight) const {
-    if (!scene_.ambient_occlusion || sight.cut) return 1;
-    double sum = 0, weights = 0;
-    for (int v = std::max(y0_, y - kReach); v <= std::min(y1_ - 1, y + kReach); ++v)
-      for (int u = std::max(x0_, x - kReach); u <= std::min(x1_ - 1, x + kReach); ++u) {
-        const Sight& other = centre_[b][at(u, v)];
-        if (!other.met() || other.cut) continue;
-        const double alike = dot(sight.place.normal, other.place.normal);
-        if (alike <= 0) continue;
-        const double off = dot(sight.place.normal, other.place.point - sight.place.point) / camera_.mm_per_pixel;
-        const double alike2 = alike * alike, alike4 = alike2 * alike2;
-        const double near = (u - x) * (u - x) + (v - y) * (v - y);
-        const double weight = alike4 * alike4 / ((1 + off * off) * (1 + off * off) * (1 + 0.12 * near)) + 1e-9;
-        sum += weight * open_[b][at(u, v)];
-        weights += weight;
-      }
-    return weights > 0 ? sum / weights : 1;
+  // One ray to a point of the lamp from each place that faces it.
+  void ask_lamp(std::span<const Sight> sights, OpennessMap& map) {
+    rays_.clear(), asking_.clear();
+    for (std::size_t i = 0; i < sights.size(); ++i) {
+      const Vec3 normal = sights[i].place.normal;
+      if (sights[i].cut || mean_cosine(dot(normal, studio_.lamp)) <= 0) continue;
+      Vec3 towards = studio_.to_lamp[grain_of(sights[i])];
+      // Only the part of the lamp that the place faces can be hidden by others.
+      const double height = dot(normal, towards);
+      if (height < 0) towards = towards - 2 * height * normal;
+      rays_.push_back(from(sights[i].place, towards));
+      asking_.push_back(static_cast<std::uint32_t>(i));
+    }
+    let_through(true);
+    for (std::size_t r = 0; r < rays_.size(); ++r) {
+      const Sight& sight = sights[asking_[r]];
+      map.set_lamp(pixel_x(sight), pixel_y(sight), open_[r]);
+    }
+    studio_.context.throw_if_cancelled();
   }
 
-  // What is seen in a row of pixels: n × n sights of each busy one, the centre's of others.
-  void draw_row(Image& image, int y) const {
-    const int n = exposure_.samples_per_axis;
-    std::vector<std::array<double, 2>> places;
-    for (int x = left_; x < right_; ++x)
-      if (busy_[at(x, y)] != 0)
-        for (int row = 0; row < n; ++row)
-          for (int column = 0; column < n; ++column) places.push_back({x + (column + 0.5) / n, y + (row + 0.5) / n});
-    const Sights closer = places.empty() ? Sights(centre_.size()) : see(places);
-    std::vector<std::vector<Colour>> keys(closer.size(), std::vector<Colour>(places.size()));
-    for (std::size_t b = 0; b < closer.size(); ++b) {
-      std::vector<Asked> asked;
-      std::vector<std::size_t> of;
-      for (std::size_t i = 0; i < places.size(); ++i) {
-        if (!closer[b][i].met()) continue;
-        asked.push_back({static_cast<int>(places[i][0]), y, static_cast<int>(i) % (n * n), &closer[b][i]});
-        of.push_back(i);
-      }
-      const auto light = key_light_on(asked);
-      for (std::size_t i = 0; i < of.size(); ++i) keys[b][of[i]] = light[i];
+  // A few rays to the sky from each place.
+  void ask_sky(std::span<const Sight> sights, OpennessMap& map) {
+    rays_.clear();
+    for (const Sight& sight : sights) {
+      if (sight.cut) continue;
+      const Vec3* points = &studio_.sky[grain_of(sight) * kSkyRays];
+      for (int i = 0; i < kSkyRays; ++i)
+        rays_.push_back(from(sight.place, sky_direction(sight.place.normal, points[i])));
     }
+    let_through(false);
     std::size_t next = 0;
-    for (int x = left_; x < right_; ++x) {
-      const std::size_t p = at(x, y);
-      if (busy_[p] != 0) {
-        put(image, x, y, closer, keys, next, static_cast<std::size_t>(n * n));
-        next += static_cast<std::size_t>(n * n);
-      } else {
-        put(image, x, y, centre_, keys_, p, 1);
-      }
+    for (const Sight& sight : sights) {
+      if (sight.cut) continue;
+      double sum = 0;
+      for (int i = 0; i < kSkyRays; ++i) sum += open_[next++];
+      map.set_sky(pixel_x(sight), pixel_y(sight), sum / kSkyRays);
+    }
+    studio_.context.throw_if_cancelled();
+  }
+
+  // The light that a place in pixel (x, y) sends on. `last`: the place of this body that was asked for before in this
+  // pixel; one that is next to it on the same smooth surface sees as much.
+  struct Known {
+    const Sight* sight = nullptr;
+    Openness openness;
+  };
+  Colour light_of(std::size_t b, int x, int y, const Sight& sight, Known& last) const {
+    const Vec3 normal = sight.place.normal;
+    const double facing = dot(normal, studio_.lamp);
+    Colour light = sky_light(camera_, normal);
+    if (sight.cut || !(scene_.shadows || scene_.ambient_occlusion))
+      return mixed(sight.base, light + std::max(0.0, facing) * kKey);
+    if (last.sight == nullptr || dot(normal, last.sight->place.normal) < kAlike ||
+        std::abs(dot(normal, sight.place.point - last.sight->place.point)) > 0.5 * camera_.mm_per_pixel)
+      last = {&sight, openness_[b].at(x - x0_, y - y0_, in_pixels(sight.place.point), normal)};
+    const double cosine = scene_.shadows ? mean_cosine(facing) : std::max(0.0, facing);
+    return mixed(sight.base, last.openness.sky * light + last.openness.lamp * cosine * kKey);
+  }
+  using Lasts = std::array<Known, Scene::most_bodies>;
+
+  // Adds what one sight line sends to a pixel of which it is `part`.
+  void add(const Views& views, std::size_t spot, int x, int y, double part, Lasts& lasts, Sum& sum) const {
+    std::array<const Sight*, Scene::most_bodies> met{};
+    std::array<std::size_t, Scene::most_bodies> order{0, 1};
+    for (std::size_t b = 0; b < scene_.bodies.size(); ++b) met[b] = views[b].at(spot);
+    if (met[0] != nullptr && met[1] != nullptr && met[1]->depth < met[0]->depth) order = {1, 0};
+    for (const std::size_t b : order) {
+      if (met[b] == nullptr) continue;
+      const double weight = part * scene_.bodies[b].opacity;
+      part -= weight;
+      sum.light = sum.light + weight * light_of(b, x, y, *met[b], lasts[b]);
+      sum.coverage += weight;
     }
   }
 
-  // A pixel from sights [first, first + count).
-  void put(Image& image, int x, int y, const Sights& sights, const std::vector<std::vector<Colour>>& keys,
-           std::size_t first, std::size_t count) const {
-    const std::size_t bodies = scene_.bodies.size();
-    std::array<Share, Scene::most_bodies> shares;
-    std::array<std::size_t, Scene::most_bodies> order;
-    for (std::size_t s = first; s < first + count; ++s) {
-      std::size_t met = 0;
-      for (std::size_t b = 0; b < bodies; ++b)
-        if (sights[b][s].met()) order[met++] = b;
-      if (met == 2 && sights[1][s].depth < sights[0][s].depth) order = {1, 0};
-      double left = 1.0 / static_cast<double>(count);
-      for (std::size_t i = 0; i < met; ++i) {
-        const std::size_t b = order[i];
-        const double weight = left * scene_.bodies[b].opacity;
-        left -= weight;
-        shares[b].add(weight, sights[b][s], keys[b][s], sky_light(camera_, sights[b][s].place.normal));
+  // Every pixel by its middle alone.
+  void develop() {
+    shown_.resize(4 * area());
+    const int rim = studio_.samples > 1 ? 1 : 0;
+    for (int y = std::max(y0_, top_ - rim); y < std::min(y1_, bottom_ + rim); ++y)
+      for (int x = std::max(x0_, left_ - rim); x < std::min(x1_, right_ + rim); ++x) {
+        const std::size_t spot = of_pixel_[at(x, y)];
+        Lasts lasts;
+        Sum sum;
+        add(centre_, spot, x, y, 1, lasts, sum);
+        write(shown(x, y), sum, y);
       }
-    }
-    Colour light;
-    double coverage = 0;
-    for (std::size_t b = 0; b < bodies; ++b) {
-      if (!(shares[b].weight > 0)) continue;
-      const Sight* typical = &centre_[b][at(x, y)];
-      for (std::size_t s = first; !typical->met(); ++s) typical = &sights[b][s];
-      light = light + shares[b].key + open_sky(b, x, y, *typical) * shares[b].sky;
-      coverage += shares[b].weight;
-    }
-    write(image.at(x, y), light, coverage, y);
+    studio_.context.throw_if_cancelled();
   }
 
-  void write(std::uint8_t* rgba, Colour light, double coverage, int y) const {
-    if (exposure_.background == Background::transparent && coverage <= 0) {
-      std::fill_n(rgba, 4, std::uint8_t{0});
+  // Whether the one in the middle shows what no even change from one side to the other would.
+  static bool breaks(const std::uint8_t* side, const std::uint8_t* middle, const std::uint8_t* other) {
+    int sum = 0;
+    for (int a = 0; a < 4; ++a) sum += std::abs(side[a] + other[a] - 2 * middle[a]);
+    return sum > kVisible;
+  }
+
+  // Pixels at which what is seen does not change evenly are looked at closely.
+  void find_busy() {
+    busy_.clear();
+    if (studio_.samples == 1) return;  // the middle is all there is to see
+    for (int y = top_; y < bottom_; ++y)
+      for (int x = left_; x < right_; ++x)
+        if (must_look_closely(x, y) || is_edge(x, y)) busy_.push_back({x, y});
+  }
+  bool must_look_closely(int x, int y) const {
+    return !studio_.closely.empty() &&
+           studio_.closely[static_cast<std::size_t>(y) * static_cast<std::size_t>(exposure_.width) +
+                           static_cast<std::size_t>(x)] != 0;
+  }
+  bool is_edge(int x, int y) const {
+    const std::uint8_t* middle = shown(x, y);
+    for (const auto& [dx, dy] : {std::pair{1, 0}, {0, 1}, {1, 1}, {-1, 1}}) {
+      // Beyond the picture all is as in its last pixel.
+      const auto at_side = [&](int sign) {
+        const int u = x + sign * dx, v = y + sign * dy;
+        return u < x0_ || u >= x1_ || v < y0_ || v >= y1_ ? middle : shown(u, v);
+      };
+      if (breaks(at_side(-1), middle, at_side(1))) return true;
+    }
+    return false;
+  }
+
+  // n × n sights of each busy pixel.
+  void look_closely(Image& image) {
+    constexpr std::size_t kPixels = 128;  // at a time
+    const int n = exposure_.samples_per_axis;
+    for (std::size_t begin = 0; begin < busy_.size(); begin += kPixels) {
+      const auto pixels = std::span(busy_).subspan(begin, std::min(kPixels, busy_.size() - begin));
+      spots_close_.clear();
+      for (const auto& [x, y] : pixels)
+        for (int row = 0; row < n; ++row)
+          for (int column = 0; column < n; ++column)
+            spots_close_.push_back({x + (column + 0.5) / n, y + (row + 0.5) / n});
+      see(spots_close_, close_);
+      for (std::size_t p = 0; p < pixels.size(); ++p) {
+        const auto [x, y] = pixels[p];
+        Lasts lasts;
+        Sum sum;
+        for (std::size_t s = p * studio_.samples; s < (p + 1) * studio_.samples; ++s)
+          add(close_, s, x, y, 1.0 / studio_.samples, lasts, sum);
+        write(image.at(x, y), sum, y);
+      }
+      studio_.context.throw_if_cancelled();
+    }
+  }
+
+  // The background in a row.
+  std::array<std::uint8_t, 4> ground(int y) const {
+    if (exposure_.background == Background::transparent) return {};
+    const std::uint8_t grey = to_srgb(behind(exposure_.background, y, exposure_.height));
+    return {grey, grey, grey, 255};
+  }
+
+  void write(std::uint8_t* rgba, const Sum& sum, int y) const {
+    if (!(sum.coverage > 0)) {
+      std::ranges::copy(ground(y), rgba);
       return;
     }
-    Colour c = coverage > 0 ? tone(1 / coverage * light) : Colour{};
-    if (exposure_.background != Background::transparent) {
-      const double ground = behind(exposure_.background, y, exposure_.height);
-      c = coverage * c + (1 - coverage) * Colour{ground, ground, ground};
-      coverage = 1;
+    const double coverage = sum.coverage;
+    const Colour whole = 1 / coverage * sum.light;
+    if (exposure_.background == Background::transparent || coverage >= 1) {
+      for (int a = 0; a < 3; ++a) rgba[a] = studio_.exposed(whole[a]);
+      rgba[3] = static_cast<std::uint8_t>(std::min(255.0, 255 * coverage + 0.5));
+      return;
     }
+    const double grey = behind(exposure_.background, y, exposure_.height);
+    const Colour c = coverage * tone(whole) + (1 - coverage) * Colour{grey, grey, grey};
     for (int a = 0; a < 3; ++a) rgba[a] = to_srgb(c[a]);
-    rgba[3] = static_cast<std::uint8_t>(std::lround(255 * std::min(1.0, coverage)));
+    rgba[3] = 255;
   }
 
+  const Studio& studio_;
   const Scene& scene_;
   const Camera& camera_;
   const Exposure& exposure_;
-  const std::vector<std::uint8_t>& closely_;
-  const Context& context_;
-  Vec3 lamp_;
-  int left_, top_, right_, bottom_;  // the tile's pixels
-  int x0_, y0_, x1_, y1_;            // with its surroundings
-  Sights centre_;                    // of each body, each pixel
-  std::vector<std::vector<Colour>> keys_;
-  std::vector<std::vector<double>> open_;
-  std::vector<std::uint8_t> busy_;
+  int left_ = 0, top_ = 0, right_ = 0, bottom_ = 0;  // the tile's pixels
+  int x0_ = 0, y0_ = 0, x1_ = 0, y1_ = 0;            // with its surroundings
+  std::vector<Spot> spots_;                          // the middles of these pixels
+  std::vector<std::uint32_t> of_pixel_;              // where in spots_ each of them is
+  Views centre_;
+  std::array<OpennessMap, Scene::most_bodies> openness_;
+  std::vector<std::uint8_t> shown_;
+  std::vector<std::array<int, 2>> busy_;  // pixels that are looked at closely
+  std::vector<Spot> spots_close_;
+  Views close_;
+  std::vector<Ray> rays_;  // that are asked for, and whose, and what becomes of their light
+  std::vector<std::uint32_t> asking_;
+  std::vector<double> open_;
+  std::vector<std::uint8_t> blocked_;
 };
-
-// One flag a pixel: something small may be seen in it, or in a pixel beside it.
-std::vector<std::uint8_t> pixels_with_specks(const Scene& scene, const Camera& camera, const Exposure& exposure) {
-  std::vector<std::uint8_t> flags;
-  for (const Sphere& s : scene.specks) {
-    const Vec3 seen = camera.seen_at(s.centre);
-    if (!(seen.z > 0)) continue;
-    const double scale = camera.projection == Projection::orthographic ? camera.mm_per_pixel
-                                                                       : camera.mm_per_pixel * seen.z / camera.distance;
-    if (s.radius > 1.5 * scale) continue;
-    const double x = std::floor(seen.x + 0.5 * exposure.width), y = std::floor(seen.y + 0.5 * exposure.height);
-    if (!(x > -2 && y > -2 && x < exposure.width + 1 && y < exposure.height + 1)) continue;
-    if (flags.empty())
-      flags.resize(static_cast<std::size_t>(exposure.width) * static_cast<std::size_t>(exposure.height));
-    for (int v = std::max(0, static_cast<int>(y) - 1); v <= std::min(exposure.height - 1, static_cast<int>(y) + 1); ++v)
-      for (int u = std::max(0, static_cast<int>(x) - 1); u <= std::min(exposure.width - 1, static_cast<int>(x) + 1);
-           ++u)
-        flags[static_cast<std::size_t>(v) * static_cast<std::size_t>(exposure.width) + static_cast<std::size_t>(u)] = 1;
-  }
-  return flags;
-}
 
 }  // namespace
 
@@ -478,7 +527,7 @@ Colour sky_light(const Camera& camera, Vec3 normal) {
 }
 
 Colour tone(Colour light) {
-  const auto shoulder = [](double linear) { return 1 - std::exp(-1.25 * linear); };
+  const auto shoulder = [](double linear) { return 1 - std::exp(-kExposure * linear); };
   return {shoulder(light.x), shoulder(light.y), shoulder(light.z)};
 }
 
@@ -493,16 +542,51 @@ Image backdrop(int width, int height, Background background) {
   return image;
 }
 
+namespace {
+
+// Sets the part of the picture in which bodies may be seen.
+void frame_bodies(Studio& studio) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  studio.box_left = studio.box_top = infinity, studio.box_right = studio.box_bottom = -infinity;
+  for (const Body& body : studio.scene.bodies) {
+    const Box box = body.tracer->bounds();
+    for (int corner = 0; corner < 8 && !box.empty(); ++corner) {
+      const Vec3 seen = studio.camera.seen_at(
+          {(corner & 1 ? box.max : box.min).x, (corner & 2 ? box.max : box.min).y, (corner & 4 ? box.max : box.min).z});
+      if (!(seen.z > 0) && studio.camera.projection == Projection::perspective) {  // behind the eye
+        studio.box_left = studio.box_top = -infinity, studio.box_right = studio.box_bottom = infinity;
+        return;
+      }
+      const double x = seen.x + 0.5 * studio.exposure.width, y = seen.y + 0.5 * studio.exposure.height;
+      studio.box_left = std::min(studio.box_left, x - 1), studio.box_right = std::max(studio.box_right, x + 1);
+      studio.box_top = std::min(studio.box_top, y - 1), studio.box_bottom = std::max(studio.box_bottom, y + 1);
+    }
+  }
+}
+
+}  // namespace
+
 Image shoot(const Scene& scene, const Camera& camera, const Exposure& exposure, std::string_view stage,
             const Context& context) {
   Image image = blank_image(exposure.width, exposure.height);
-  const std::vector<std::uint8_t> closely = pixels_with_specks(scene, camera, exposure);
+  Studio studio{scene, camera, exposure, context};
+  frame_bodies(studio);
+  for (const Vec3 point : sphere_points(1)) studio.to_lamp.push_back(normalised(studio.lamp + kKeyRadius * point));
+  // One for each thread.
+  std::vector<std::unique_ptr<Tile>> idle;
+  std::mutex idle_mutex;
   const int across = (exposure.width + kTile - 1) / kTile, down = (exposure.height + kTile - 1) / kTile;
   parallel_for(context, stage, static_cast<std::size_t>(across) * static_cast<std::size_t>(down), 1,
-               [&](std::size_t tile, std::size_t) {
-                 const int left = static_cast<int>(tile) % across * kTile,
-                           top = static_cast<int>(tile) / across * kTile;
-                 Tile(scene, camera, exposure, closely, context, left, top).draw(image);
+               [&](std::size_t i, std::size_t) {
+                 std::unique_ptr<Tile> tile;
+                 {
+                   const std::lock_guard lock(idle_mutex);
+                   if (!idle.empty()) tile = std::move(idle.back()), idle.pop_back();
+                 }
+                 if (!tile) tile = std::make_unique<Tile>(studio);
+                 tile->draw(static_cast<int>(i) % across * kTile, static_cast<int>(i) / across * kTile, image);
+                 const std::lock_guard lock(idle_mutex);
+                 idle.push_back(std::move(tile));
                });
   return image;
 }

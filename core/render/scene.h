@@ -60,9 +60,10 @@ Colour tone(Colour light);
 /// A picture of the background alone.
 Image backdrop(int width, int height, Background background);
 
-/// Takes the picture, in tiles. Pixels whose surroundings are smooth get one sight line, others n × n; sky light is
-/// smoothed over neighbours of one surface. The same bytes for every thread count. Calls report-free work in the
-/// context's threads; `stage` is reported by tiles, cancelled within tens of ms.
+/// Takes the picture, in tiles. Each pixel gets one sight line through its middle, one ray to the lamp and a few to the
+/// sky; what these find is smoothed over neighbours on one surface (openness.h). Pixels at which what is seen does not
+/// change evenly (scene.cpp states the bound) then get n × n sight lines, which share that light. The same bytes for
+/// every thread count. A few MiB for each thread. `stage` is reported by tiles, cancelled within tens of ms.
 Image shoot(const Scene& scene, const Camera& camera, const Exposure& exposure, std::string_view stage,
             const Context& context);
 

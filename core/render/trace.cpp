@@ -3,6 +3,8 @@
 
 #include <embree3/rtcore.h>
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <new>
 #include <string>
@@ -54,28 +56,25 @@ struct Hierarchy::State {
                             static_cast<float>(max.x), static_cast<float>(max.y), static_cast<float>(max.z), 0};
   }
 
-  // Lets the primitive meet the valid rays; calls met(k, lane) for the rays that it stops.
+  // Lets the primitive meet the valid rays; calls met(query, k, lane) for the rays that it stops.
   template <typename Arguments, typename Met>
   static void meet(const Arguments& arguments, Met met) {
     auto& query = *reinterpret_cast<Query*>(arguments.context);
     const auto& state = *static_cast<const State*>(arguments.geometryUserPtr);
-    Lanes& lanes = *query.lanes;
     if (arguments.N == 1) {
       if (arguments.valid[0] == 0) return;
-      const double before = lanes.far[query.lane];
-      const std::uint32_t which = lanes.primitive[query.lane];
       // One lane, whichever it is: the mask is read at its own index.
       std::array<int, Lanes::most> valid;
       valid[query.lane] = -1;
-      state.primitives.meet(arguments.primID, lanes, valid.data(), query.lane, query.lane + 1);
-      if (lanes.far[query.lane] != before || lanes.primitive[query.lane] != which) met(query, 0U, query.lane);
+      if (state.primitives.meet(arguments.primID, *query.lanes, valid.data(), query.lane, query.lane + 1) != 0)
+        met(query, 0U, query.lane);
       return;
     }
-    const auto before = lanes.primitive;
-    const auto far = lanes.far;
-    state.primitives.meet(arguments.primID, lanes, arguments.valid, 0, arguments.N);
-    for (unsigned k = 0; k < arguments.N; ++k)
-      if (lanes.primitive[k] != before[k] || lanes.far[k] != far[k]) met(query, k, k);
+    std::uint32_t lanes = state.primitives.meet(arguments.primID, *query.lanes, arguments.valid, 0, arguments.N);
+    for (; lanes != 0; lanes &= lanes - 1) {
+      const auto k = static_cast<unsigned>(std::countr_zero(lanes));
+      met(query, k, k);
+    }
   }
 
   static void intersect(const RTCIntersectFunctionNArguments* arguments) {
@@ -96,18 +95,25 @@ struct Hierarchy::State {
     return !static_cast<const Context*>(context)->cancel.stop_requested();
   }
 
-  // Calls put(lane, origin, direction, far) in Embree's numbers. Rays from afar start at the scene's edge, where single
-  // precision still tells places apart.
-  template <typename Put>
-  void prepare(Query& query, std::size_t count, Put put) const {
+  // Puts the rays into Embree's numbers. Rays from afar start at the scene's edge, where single precision still tells
+  // places apart.
+  void prepare(Query& query, RTCRay16& rays) const {
     const Lanes& l = *query.lanes;
-    for (std::size_t i = 0; i < count; ++i) {
-      Vec3 origin = Vec3{l.ox[i], l.oy[i], l.oz[i]} - centre;
-      const Vec3 direction{l.dx[i], l.dy[i], l.dz[i]};
-      const double skip = std::max(0.0, -dot(origin, direction) - 1.01 * radius);
+    for (std::size_t i = 0; i < Lanes::most; ++i) {
+      const double x = l.ox[i] - centre.x, y = l.oy[i] - centre.y, z = l.oz[i] - centre.z;
+      const double nearing = -(x * l.dx[i] + y * l.dy[i] + z * l.dz[i]) - 1.01 * radius;
+      const double skip = nearing > 0 ? nearing : 0;
       query.skipped[i] = skip;
-      origin = origin + skip * direction;
-      put(i, origin, direction, not_less(l.far[i] - skip));
+      rays.org_x[i] = static_cast<float>(x + skip * l.dx[i]);
+      rays.org_y[i] = static_cast<float>(y + skip * l.dy[i]);
+      rays.org_z[i] = static_cast<float>(z + skip * l.dz[i]);
+      rays.dir_x[i] = static_cast<float>(l.dx[i]);
+      rays.dir_y[i] = static_cast<float>(l.dy[i]);
+      rays.dir_z[i] = static_cast<float>(l.dz[i]);
+      rays.tfar[i] = not_less(l.far[i] - skip);
+      rays.tnear[i] = rays.time[i] = 0;
+      rays.mask[i] = ~0U;
+      rays.id[i] = rays.flags[i] = 0;
     }
   }
 };
@@ -153,36 +159,19 @@ Hierarchy::~Hierarchy() = default;
 
 namespace {
 
-// Fills a packet; lanes that are not used stay switched off.
-template <typename Packet>
-auto put_into(Packet& ray, int* valid) {
-  return [&ray, valid](std::size_t i, Vec3 origin, Vec3 direction, float far) {
-    valid[i] = -1;
-    ray.org_x[i] = static_cast<float>(origin.x);
-    ray.org_y[i] = static_cast<float>(origin.y);
-    ray.org_z[i] = static_cast<float>(origin.z);
-    ray.dir_x[i] = static_cast<float>(direction.x);
-    ray.dir_y[i] = static_cast<float>(direction.y);
-    ray.dir_z[i] = static_cast<float>(direction.z);
-    ray.tnear[i] = ray.time[i] = 0;
-    ray.tfar[i] = far;
-    ray.mask[i] = ~0U;
-    ray.id[i] = ray.flags[i] = 0;
-  };
-}
-
-RTCRay alone(Vec3 origin, Vec3 direction, float far) {
+RTCRay alone(const RTCRay16& rays, std::size_t lane) {
   RTCRay ray{};
-  ray.org_x = static_cast<float>(origin.x);
-  ray.org_y = static_cast<float>(origin.y);
-  ray.org_z = static_cast<float>(origin.z);
-  ray.dir_x = static_cast<float>(direction.x);
-  ray.dir_y = static_cast<float>(direction.y);
-  ray.dir_z = static_cast<float>(direction.z);
-  ray.tfar = far;
+  ray.org_x = rays.org_x[lane], ray.org_y = rays.org_y[lane], ray.org_z = rays.org_z[lane];
+  ray.dir_x = rays.dir_x[lane], ray.dir_y = rays.dir_y[lane], ray.dir_z = rays.dir_z[lane];
+  ray.tfar = rays.tfar[lane];
   ray.mask = ~0U;
   return ray;
 }
+
+struct Switches {
+  alignas(64) std::array<int, Lanes::most> valid{};
+  explicit Switches(std::size_t count) { std::fill_n(valid.begin(), count, -1); }
+};
 
 }  // namespace
 
@@ -190,41 +179,39 @@ void Hierarchy::nearest(Lanes& lanes, std::size_t count, bool alike) const {
   Query query;
   rtcInitIntersectContext(&query.context);
   query.lanes = &lanes;
+  RTCRayHit16 packet;
+  state_->prepare(query, packet.ray);
   if (alike && count > 1) {
     query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    alignas(64) std::array<int, Lanes::most> valid{};
-    RTCRayHit16 packet;
-    for (std::size_t i = 0; i < Lanes::most; ++i) packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-    state_->prepare(query, count, put_into(packet.ray, valid.data()));
-    rtcIntersect16(valid.data(), state_->scene.get(), &query.context, &packet);
+    std::fill_n(packet.hit.geomID, Lanes::most, RTC_INVALID_GEOMETRY_ID);
+    const Switches on(count);
+    rtcIntersect16(on.valid.data(), state_->scene.get(), &query.context, &packet);
     return;
   }
-  state_->prepare(query, count, [&](std::size_t lane, Vec3 origin, Vec3 direction, float far) {
-    query.lane = lane;
+  for (query.lane = 0; query.lane < count; ++query.lane) {
     RTCRayHit hit{};
-    hit.ray = alone(origin, direction, far);
+    hit.ray = alone(packet.ray, query.lane);
     hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     rtcIntersect1(state_->scene.get(), &query.context, &hit);
-  });
+  }
 }
 
 void Hierarchy::any(Lanes& lanes, std::size_t count, bool alike) const {
   Query query;
   rtcInitIntersectContext(&query.context);
   query.lanes = &lanes;
+  RTCRay16 packet;
+  state_->prepare(query, packet);
   if (alike && count > 1) {
     query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    alignas(64) std::array<int, Lanes::most> valid{};
-    RTCRay16 packet;
-    state_->prepare(query, count, put_into(packet, valid.data()));
-    rtcOccluded16(valid.data(), state_->scene.get(), &query.context, &packet);
+    const Switches on(count);
+    rtcOccluded16(on.valid.data(), state_->scene.get(), &query.context, &packet);
     return;
   }
-  state_->prepare(query, count, [&](std::size_t lane, Vec3 origin, Vec3 direction, float far) {
-    query.lane = lane;
-    RTCRay ray = alone(origin, direction, far);
+  for (query.lane = 0; query.lane < count; ++query.lane) {
+    RTCRay ray = alone(packet, query.lane);
     rtcOccluded1(state_->scene.get(), &query.context, &ray);
-  });
+  }
 }
 
 void Hierarchy::first_hits(std::span<const Ray> rays, std::span<Hit> hits) const {
@@ -232,7 +219,7 @@ void Hierarchy::first_hits(std::span<const Ray> rays, std::span<Hit> hits) const
   for (std::size_t begin = 0; begin < rays.size(); begin += Lanes::most) {
     const std::size_t count = lanes.load(rays.subspan(begin));
     nearest(lanes, count, true);
-    for (std::size_t i = 0; i < count; ++i) hits[begin + i] = {lanes.far[i], lanes.primitive[i]};
+    for (std::size_t i = 0; i < count; ++i) hits[begin + i] = {lanes.far[i], lanes.primitive[i], {}};
   }
 }
 

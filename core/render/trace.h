@@ -33,6 +33,7 @@ inline constexpr std::uint32_t no_primitive = 0xffffffffU;
 struct Hit {
   double distance = 0;  ///< mm along the ray
   std::uint32_t primitive = no_primitive;
+  Vec3 out{};  ///< of blobs: along the normal, as long as the field is steep
   explicit operator bool() const { return primitive != no_primitive; }
 };
 
@@ -55,6 +56,8 @@ class Tracer {
  public:
   virtual ~Tracer() = default;
 
+  /// Holds everything that can be met; empty when nothing can.
+  virtual Box bounds() const = 0;
   /// For each ray, which must start outside, the first point where it enters. Fastest when neighbouring rays are
   /// alike.
   virtual void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const = 0;
@@ -111,8 +114,9 @@ class Primitives {
   virtual std::size_t size() const = 0;
   virtual Box box(std::size_t index) const = 0;
   /// For lanes [begin, end) with valid[lane] != 0 that meet content `index` before `far`: shortens `far` and sets
-  /// `primitive`.
-  virtual void meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) const = 0;
+  /// `primitive`. Returns these lanes as bits.
+  virtual std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
+                             std::size_t end) const = 0;
 };
 
 /// Boxes that rays can be asked for.

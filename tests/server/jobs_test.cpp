@@ -193,6 +193,23 @@ TEST_F(Jobs, CancellingDetachesAndStopsWithTheLast) {
   EXPECT_TRUE(blobs.keys().empty());
 }
 
+TEST_F(Jobs, AClientThatPollsIsOneRequester) {
+  Gate gate;
+  JobPool pool({}, catalog, blobs, behind(gate));
+  const auto poll = [&](const char* client) { return pool.submit("render", "a", "", client, 0, true).record; };
+  const std::string id = poll("ann").id;
+  await_state(pool, id, JobState::running);
+  EXPECT_EQ(poll("ann").requesters, 1U);
+  EXPECT_EQ(poll("ben").requesters, 2U);
+  EXPECT_EQ(poll("ben").requesters, 2U);
+  EXPECT_EQ(pool.cancel(id, "ann").record.requesters, 1U);
+  EXPECT_EQ(poll("ben").requesters, 1U) << "still one of them";
+  EXPECT_EQ(poll("ann").requesters, 2U) << "one that left may come back";
+  pool.cancel(id, "ann");
+  EXPECT_EQ(pool.cancel(id, "ben").record.state, JobState::cancelling);
+  EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled);
+}
+
 TEST_F(Jobs, AQueuedJobIsCancelledAtOnce) {
   Gate gate;
   JobPool pool({.queue_length = 1}, catalog, blobs, behind(gate));

@@ -31,18 +31,16 @@ std::vector<Ray> rays_at(double radius, std::size_t n) {
   return rays;
 }
 
-TEST(Trace, PacketsAndSingleRaysMeetTheSame) {
-  const SphereModel model = random_balls(400, 3);
-  const auto tracer = tracer_of(model.spheres);
+void expect_packets_as_single_rays(const Tracer& tracer) {
   const auto rays = rays_at(15, 1000);
   std::vector<Hit> hits(rays.size());
-  tracer->first_hits(rays, hits);
+  tracer.first_hits(rays, hits);
   std::vector<std::uint8_t> alike(rays.size()), apart(rays.size());
-  tracer->blocked(rays, alike, true);
-  tracer->blocked(rays, apart, false);
+  tracer.blocked(rays, alike, true);
+  tracer.blocked(rays, apart, false);
   std::size_t met = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
-    const auto alone = tracer->first_hit(rays[i]);
+    const auto alone = tracer.first_hit(rays[i]);
     ASSERT_EQ(alone.has_value(), bool(hits[i]));
     ASSERT_EQ(alike[i] != 0, bool(hits[i]));
     ASSERT_EQ(apart[i] != 0, bool(hits[i]));
@@ -50,8 +48,15 @@ TEST(Trace, PacketsAndSingleRaysMeetTheSame) {
     ++met;
     ASSERT_EQ(alone->distance, hits[i].distance);
     ASSERT_EQ(alone->primitive, hits[i].primitive);
+    ASSERT_EQ(tracer.place(rays[i], *alone).normal, tracer.place(rays[i], hits[i]).normal);
   }
   EXPECT_GT(met, 500U);
+}
+
+TEST(Trace, PacketsAndSingleRaysMeetTheSame) {
+  const SphereModel model = random_balls(400, 3);
+  expect_packets_as_single_rays(*tracer_of(model.spheres));
+  for (const double blend : {0.1, 3.0}) expect_packets_as_single_rays(*trace_blobs(model.spheres, blend, {}));
 }
 
 TEST(Trace, WhatIsBeyondARaysEndDoesNotCount) {
