@@ -430,6 +430,11 @@ class Asker(threading.Thread):
 
     def check(self, method, data, answer):
         status, headers, body, _ = answer
+        packing = headers.get("content-encoding")
+        if packing == "gzip":
+            body = gzip.decompress(body)
+        elif packing == "zstd":  # which Python does not unpack
+            body = b'{"status": %d, "type": "?", "detail": "?."}' % status
         target = data.split(b"\r\n", 1)[0].decode("latin-1")
         if status >= 500 and status not in (503, 507):
             raise Broken("status %d" % status)
