@@ -129,7 +129,7 @@ class Server:
             return read_answer(link.makefile("rb"), method)
 
     def make(self, target, body, **headers):
-        for _ in range(60):
+        for _ in range(600):
             status, _, data, _ = self.ask("POST", target, body, Prefer="wait=2", **headers)
             if status in (200, 201):
                 return json.loads(data)["id"]
