@@ -14,6 +14,7 @@
 #include "core/simplify/fit.h"
 #include "core/simplify/levels.h"
 #include "core/simplify/splitting.h"
+#include "core/simplify/together.h"
 #include "core/union.h"
 
 namespace spherule {
@@ -25,6 +26,7 @@ constexpr std::uint32_t kMost = 65535;        // what Fit counts
 constexpr std::uint32_t kMostToReach = 4096;  // spheres tried for an overlap
 constexpr double kCalibrationCost = 0.005;    // of overlap
 constexpr std::uint32_t kFewClusters = 16;    // that refinement starts from too
+constexpr double kLeastGain = 1e-4;           // of the samples, for which steps stay as they are
 constexpr std::size_t kGrain = 1 << 12;
 
 using Balls = std::vector<Sphere>;
@@ -32,7 +34,8 @@ using Balls = std::vector<Sphere>;
 Sphere to_patient(const Grid& grid, const Sphere& ball) { return {grid.to_patient(ball.centre), ball.radius}; }
 
 // A coarser grid of nearly cubic voxels with about `wanted` inside samples, where the object has many more.
-SampledObject working_copy(const SampledObject& object, double wanted) {
+SampledObject working_copy(const SampledObject& object, double fewest, std::size_t k) {
+  const double wanted = std::max(fewest, kSamplesPerSphere * static_cast<double>(k));
   std::array<std::int32_t, 3> steps{1, 1, 1};
   const auto inside = static_cast<double>(object.inside.count());
   while (inside / (double(steps[0]) * steps[1] * steps[2]) > 2 * wanted) {
@@ -60,13 +63,12 @@ class Refinement {
 
   const Balls& balls() const { return balls_; }
 
-  // Every ball in turn, until a sweep gains little and the steps are small. A ball that could not move waits until one
-  // that overlaps it did.
-  void sweep(int most, bool fine) {
-    const double least_gain = (fine ? 2e-4 : 1e-3) * samples_, least_step = (fine ? 0.2 : 0.4) * fit_.voxel();
-    double step = fit_.voxel();
+  // Every ball in turn, with steps that shrink from half a voxel to `finest` voxels as sweeps gain little. A ball that
+  // could not move waits until one that overlaps it did.
+  void sweep(int most, double finest) {
+    double step = 0.5 * fit_.voxel();
     std::vector<std::uint8_t> settled(balls_.size(), 0);
-    for (int s = 0; s < most && step >= least_step; ++s) {
+    for (int s = 0; s < most && step >= finest * fit_.voxel(); ++s) {
       std::int64_t gained = 0;
       for (std::size_t i = 0; i < balls_.size(); ++i) {
         if (settled[i]) continue;
@@ -74,7 +76,7 @@ class Refinement {
         Sphere ball = balls_[i];
         fit_.remove(ball);
         const std::int64_t before = fit_.gain(ball);
-        const std::int64_t after = compass(ball, step, improve(ball, before));
+        const std::int64_t after = compass(ball, step, before);
         fit_.add(ball);
         settled[i] = after == before;
         if (after == before) continue;
@@ -84,7 +86,7 @@ class Refinement {
         }
         balls_[i] = ball;
       }
-      if (static_cast<double>(gained) < least_gain) {
+      if (static_cast<double>(gained) < kLeastGain * samples_) {
         step *= 0.5;
         std::ranges::fill(settled, 0);
       }
@@ -137,16 +139,12 @@ class Refinement {
     }
   }
 
-  // Gauss-Newton steps, halved until they gain. Returns the gain of what `ball` has become, from the one it has.
+  // Coarse steps while they gain. Returns the gain of what `ball` has become, from the one it has.
   std::int64_t improve(Sphere& ball, std::int64_t now) const {
-    bool gains = true;
-    for (int step = 0; step < 4 && gains; ++step) {
-      const Sphere target = fit_.fitted(ball);
-      gains = false;
-      for (double part = 1; part > 0.2 && !gains; part *= 0.5) {
-        const Sphere moved{ball.centre + part * (target.centre - ball.centre),
-                           ball.radius + part * (target.radius - ball.radius)};
-        gains = take_better(moved, ball, now);
+    for (double step = std::max(0.1 * ball.radius, fit_.voxel()); step >= 0.5 * fit_.voxel(); step *= 0.5) {
+      for (std::int64_t before = now - 1; before < now;) {
+        before = now;
+        now = compass(ball, step, now);
       }
     }
     return now;
@@ -203,7 +201,7 @@ class Best {
     const std::uint32_t wanted =
         options_.k.value_or(std::min<std::uint32_t>(kMostToReach, static_cast<std::uint32_t>(model_.spheres.size())));
     context_.report("best", 0);
-    working_ = working_copy(object_, std::max(kFewestSamples, kSamplesPerSphere * wanted));
+    working_ = working_copy(object_, kFewestSamples, wanted);
     const bool inner = options_.mode == BestOptions::Mode::inner;
     candidates_ = detail::thinned(detail::poles(model_), wanted);
     if (inner) {
@@ -296,20 +294,36 @@ class Best {
   Balls refined_from(Balls balls, bool fine, const Context& context) const {
     const auto candidates =
         std::span(local_).first(std::min(local_.size(), std::max<std::size_t>(32 * balls.size(), 512)));
+    const SampledObject rough = working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size());
+    // All at once as long as that helps: a ball of a few samples is too small for it.
+    for (int round = 0; round < 3; ++round) {
+      Balls moved = detail::moved_together(balls, rough, (fine ? 100 : 40) / (1 + round), context);
+      if (score(moved, rough, context) <= score(balls, rough, context)) break;
+      Refinement work(rough, std::move(moved), context);
+      const bool relocated = work.relocate(candidates);
+      balls = work.balls();
+      if (!relocated) break;
+    }
     {
-      Refinement work(working_, std::move(balls), context);
-      work.sweep(fine ? 20 : 12, fine);
-      for (int round = 0; round < 3 && work.relocate(candidates); ++round) work.sweep(6, fine);
-      work.sweep(6, fine);
+      Refinement work(rough, std::move(balls), context);
+      for (int round = 0; round < 4; ++round) {
+        work.sweep(fine ? 8 : 4, 0.1);
+        if (!work.relocate(candidates)) break;
+      }
       balls = work.balls();
     }
-    if (working_.grid.dims != object_.grid.dims) {
+    if (fine) {
       Refinement last(object_, std::move(balls), context);
-      last.sweep(2, fine);
+      last.sweep(16, 0.03);
       balls = last.balls();
     }
     for (Sphere& ball : balls) ball = to_patient(object_.grid, ball);
     return balls;
+  }
+
+  static double score(Balls balls, const SampledObject& object, const Context& context) {
+    for (Sphere& ball : balls) ball = to_patient(object.grid, ball);
+    return measure_overlap(balls, object, context).iou();
   }
 
   Balls of_equal_volume(Balls balls, const Context& context) const {
