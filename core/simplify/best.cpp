@@ -290,14 +290,21 @@ class Best {
                                                      : of_equal_volume(std::move(balls), context);
   }
 
-  // `fine`: to the last gain. From the grid's frame to LPS mm.
+  // As many rounds as some visits of every sample allow.
+  static int rounds(double visits, const SampledObject& object, int least, int most) {
+    const auto samples = static_cast<double>(object.inside.count());
+    return static_cast<int>(std::clamp(visits / samples, double(least), double(most)));
+  }
+
+  // `fine`: with more work. From the grid's frame to LPS mm.
   Balls refined_from(Balls balls, bool fine, const Context& context) const {
     const auto candidates =
         std::span(local_).first(std::min(local_.size(), std::max<std::size_t>(32 * balls.size(), 512)));
     const SampledObject rough = working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size());
+    const int steps = fine ? rounds(2.5e7, rough, 60, 160) : 30;
     // All at once as long as that helps: a ball of a few samples is too small for it.
-    for (int round = 0; round < 3; ++round) {
-      Balls moved = detail::moved_together(balls, rough, (fine ? 100 : 40) / (1 + round), context);
+    for (int round = 1; round <= 3; ++round) {
+      Balls moved = detail::moved_together(balls, rough, steps / round, context);
       if (score(moved, rough, context) <= score(balls, rough, context)) break;
       Refinement work(rough, std::move(moved), context);
       const bool relocated = work.relocate(candidates);
@@ -306,15 +313,15 @@ class Best {
     }
     {
       Refinement work(rough, std::move(balls), context);
-      for (int round = 0; round < 4; ++round) {
-        work.sweep(fine ? 8 : 4, 0.1);
+      for (int round = 0; round < (fine ? 4 : 2); ++round) {
+        work.sweep(fine ? 6 : 3, 0.1);
         if (!work.relocate(candidates)) break;
       }
       balls = work.balls();
     }
     if (fine) {
       Refinement last(object_, std::move(balls), context);
-      last.sweep(16, 0.03);
+      last.sweep(rounds(5e6, object_, 6, 20), 0.03);
       balls = last.balls();
     }
     for (Sphere& ball : balls) ball = to_patient(object_.grid, ball);
