@@ -38,7 +38,7 @@ SampledObject working_copy(const SampledObject& object, double fewest, std::size
   const double wanted = std::max(fewest, kSamplesPerSphere * static_cast<double>(k));
   std::array<std::int32_t, 3> steps{1, 1, 1};
   const auto inside = static_cast<double>(object.inside.count());
-  while (inside / (double(steps[0]) * steps[1] * steps[2]) > 2 * wanted) {
+  while (inside / (double(steps[0]) * steps[1] * steps[2]) > 1.5 * wanted) {
     std::size_t finest = 0;
     for (std::size_t a = 1; a < 3; ++a) {
       if (steps[a] * object.grid.spacing[static_cast<int>(a)] <

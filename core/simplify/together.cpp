@@ -75,6 +75,7 @@ class SoftBalls {
                      x0 = static_cast<float>(ball.centre.x);
           const auto shell = [&](std::int32_t begin, std::int32_t end) {
             for (std::int32_t i = begin; i < end; ++i) {
+              if (left[i] == 0) continue;
               const float dx = static_cast<float>(i) * step - x0;
               const float out = 0.5F + (std::sqrt(dx * dx + across) - r) * per_soft;
               left[i] *= std::clamp(out, 0.0F, 1.0F);
@@ -99,9 +100,10 @@ class SoftBalls {
       float along = 0, over = 0, all = 0;  // sums of dx/d, 1/d and 1, weighted
       const auto shell = [&](std::int32_t begin, std::int32_t end) {
         for (std::int32_t i = begin; i < end; ++i) {
+          if (left[i] == 0) continue;
           const float dx = static_cast<float>(i) * step - x0, d = std::sqrt(dx * dx + across);
           const float out = 0.5F + (d - r) * per_soft;
-          if (!(out > 0 && out < 1) || left[i] == 0) continue;
+          if (!(out > 0 && out < 1)) continue;
           const float w = static_cast<float>(value[i]) * left[i] / out;
           all += w;
           over += w / d;
