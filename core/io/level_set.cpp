@@ -298,8 +298,9 @@ class Builder {
       const double depth = -block.values[n] / voxel_mm_;
       if (!(depth > 0 && depth < level_set_band)) continue;
       const auto i = static_cast<std::int32_t>(n);
-      const Vec3 at{double(block.low[0] + i / (kBlock * kBlock)), double(block.low[1] + i / kBlock % kBlock),
-                    double(block.low[2] + i % kBlock)};
+      const std::int32_t x = block.low[0] + i / (kBlock * kBlock), y = block.low[1] + i / kBlock % kBlock,
+                         z = block.low[2] + i % kBlock;
+      const Vec3 at{double(x), double(y), double(z)};
       const std::uint32_t deepest =
           *std::ranges::min_element(block.balls, {}, [&](std::uint32_t ball) { return field(ball, at); });
       if (!own_sphere_is_nearest(at, balls_[deepest], block, around)) {
@@ -333,7 +334,8 @@ class Builder {
       for (std::size_t bin = 0; bin + 1 < block.bin_begin.size(); ++bin) {
         if (block.bin_begin[bin] == block.bin_begin[bin + 1]) continue;
         constexpr double size = double(kBlock) / kBins;
-        const Vec3 corner{double(bin / (kBins * kBins)), double(bin / kBins % kBins), double(bin % kBins)};
+        const std::size_t x = bin / (kBins * kBins), y = bin / kBins % kBins, z = bin % kBins;
+        const Vec3 corner{double(x), double(y), double(z)};
         if (distance(at, low_of(block.low) + size * corner, size) >= least) continue;
         for (std::uint32_t e = block.bin_begin[bin]; e < block.bin_begin[bin + 1]; ++e) {
           const double far = norm(block.edges[e].at - at);
