@@ -20,11 +20,11 @@ inline constexpr double level_set_band = 3;
 
 /// An OpenVDB level set (grid "spheres", float) of the union: negative inside; mm along LPS. Values are the distance to
 /// the union's surface, cut at level_set_band voxels; exact but near corners behind which three spheres meet, where it
-/// may be wrong by a quarter of a voxel. Throws invalid_argument for a voxel that is not above 0, too_large beyond
-/// `most_blocks` and 2^20 voxels along an axis. Precondition: some ball. The same bytes for any thread count. Space is
-/// halved, with the balls that reach into each part, down to blocks, and on to where spheres meet:
-/// O(balls + blocks · balls near them). Reports stage
-/// "level set".
+/// may be wrong by an eighth of a voxel. Of more than 65,536 balls, which lie as densely as a raw model's, the inside
+/// is the depth in the deepest ball, which is at most that distance. Throws invalid_argument for a voxel that is not
+/// above 0, too_large beyond `most_blocks` and 2^20 voxels along an axis. Precondition: some ball. The same bytes for
+/// any thread count. Space is halved, with the balls that reach into each part, down to blocks, and on to where spheres
+/// meet: O(balls + blocks · balls near them). Reports stage "level set".
 std::string spheres_to_vdb(std::span<const Sphere> balls, double voxel_mm,
                            std::size_t most_blocks = max_level_set_blocks, const Context& context = {});
 

@@ -27,7 +27,8 @@ constexpr double kSlack = 1e-6;              // voxels; rounding of coordinates 
 constexpr std::size_t kParallelCubes = 512;  // enough pieces to share out
 constexpr std::size_t kFew = 8;              // balls that are looked at sooner than chosen among
 constexpr double kEdgePiece = 0.125;         // voxels; of edges that are looked for
-constexpr std::int32_t kBins = 4;            // along a block, of its edges
+constexpr std::size_t kMostWithEdges = std::size_t{1} << 16;  // balls
+constexpr std::int32_t kBins = 4;                             // along a block, of its edges
 
 using Index = std::array<std::int32_t, 3>;
 
@@ -95,7 +96,7 @@ class Builder {
         cubes[i] = {};
       }
     });
-    measure_insides(parts, context);
+    if (has_edges()) measure_insides(parts, context);
     return parts;
   }
 
@@ -177,7 +178,7 @@ class Builder {
     block->balls = cube.balls;
     constexpr double half = 0.5 * kBlock;
     const Vec3 middle{cube.low[0] + half - 0.5, cube.low[1] + half - 0.5, cube.low[2] + half - 0.5};
-    find_edges(middle, half, block->balls, block->edges);
+    if (has_edges()) find_edges(middle, half, block->balls, block->edges);
     sort_edges(*block);
     part.blocks.push_back(std::move(block));
   }
@@ -200,6 +201,8 @@ class Builder {
       }
     }
   }
+
+  bool has_edges() const { return balls_.size() <= kMostWithEdges; }
 
   // Inside, the depth in the deepest ball is the distance to its own sphere. Where the nearest point of that sphere is
   // on the union's surface, nothing of the surface is nearer; else what is nearest are edges, for the nearest point of
