@@ -40,29 +40,20 @@ constexpr std::uint8_t before(unsigned i) { return static_cast<std::uint8_t>(i =
 // Corners are worked on by eights: the compiler makes vectors of them, and no result depends on how long those are.
 constexpr std::size_t kLanes = 8;
 
-// A point of a face's plane, in coordinates about the foot of the ball's centre.
-struct Flat {
-  double x = 0, y = 0;
-};
-double flat_dot(Flat p, Flat q) { return p.x * q.x + p.y * q.y; }
-double flat_cross(Flat p, Flat q) { return p.x * q.y - p.y * q.x; }
-
 // Adds angles as unit complex numbers are multiplied, so that only the sum costs an arc tangent.
 class AngleSum {
  public:
-  // The angle of (cosine, sine), or any positive multiple of them, from -π to π.
-  void add(double cosine, double sine) {
-    const double size = std::max(std::abs(cosine), std::abs(sine));
-    if (!(size > 0)) return;
-    const double c = cosine / size, s = sine / size;
+  // The angle of (c, s), from -π to π, where these are its cosine and sine times something above 2^-200 and up to 1; or
+  // both 0, for no angle.
+  void add(double c, double s) {
+    if (c == 0 && s == 0) return;
     const double product_c = c * cosine_ - s * sine_, product_s = c * sine_ + s * cosine_;
     // Two angles on one side of the axis may have a sum on the other, beyond π.
     const bool lower = s < 0;
     if (lower == (sine_ < 0) && ((c < 0 && cosine_ < 0) || lower != (product_s < 0))) turns_ += lower ? -1 : 1;
     cosine_ = product_c;
     sine_ = product_s;
-    // Factors have lengths from 1 to √2.
-    if (std::abs(cosine_) + std::abs(sine_) > 0x1p500) cosine_ *= 0x1p-500, sine_ *= 0x1p-500;
+    if (std::abs(cosine_) + std::abs(sine_) < 0x1p-500) cosine_ *= 0x1p500, sine_ *= 0x1p500;
   }
   void add_turn() { ++turns_; }
   double sum() const { return kTwoPi * turns_ + std::atan2(sine_ + 0.0, cosine_); }  // -0 is on the upper side, too
@@ -72,102 +63,11 @@ class AngleSum {
   int turns_ = 0;
 };
 
-// Outline of a convex polygon within a disk about the foot, put together from straight pieces and arcs, and the
-// integrals of 1, x and x·xᵀ over what it surrounds: sums over triangles and sectors between the foot and its pieces.
-class Outline {
- public:
-  explicit Outline(Vec3 normal) {
-    // T. Duff and others, Building an orthonormal basis, revisited (2017).
-    const double sign = std::copysign(1.0, normal.z), a = -1 / (sign + normal.z), b = normal.x * normal.y * a;
-    right_ = {1 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x};
-    up_ = {b, sign + normal.y * normal.y * a, -normal.y};
-  }
-
-  Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
-  void segment(Flat p, Flat q) {
-    const double area = flat_cross(p, q);
-    const Flat both{p.x + q.x, p.y + q.y}, piece{q.x - p.x, q.y - p.y};
-    triangles_ += area;
-    triangles_first_.x += area * both.x;
-    triangles_first_.y += area * both.y;
-    triangles_second_[0] += area * (p.x * p.x + q.x * q.x + both.x * both.x);
-    triangles_second_[1] += area * (p.x * p.y + q.x * q.y + both.x * both.y);
-    triangles_second_[2] += area * (p.y * p.y + q.y * q.y + both.y * both.y);
-    longest_squared_ = std::max(longest_squared_, flat_dot(piece, piece));
-    straight_ = true;
-  }
-  void enter(Flat p) {
-    if (left_) {
-      arc(exit_, p);
-      left_ = false;
-    } else {
-      first_entry_ = p;
-    }
-  }
-  void leave(Flat p) {
-    exit_ = p;
-    left_ = true;
-  }
-  // Closes an outline that has any straight piece.
-  void close() {
-    if (left_) arc(exit_, first_entry_);
-  }
-  bool straight() const { return straight_; }
-  // Whether an arc ended where it began, so that it is nothing or the whole circle. Where the circle is whole, there is
-  // nearly nothing else.
-  bool may_lack_circle(double disk_squared) const { return doubtful_ && longest_squared_ < disk_squared / 4; }
-  void whole_circle() { angles_.add_turn(); }
-
-  // Sums up. About the foot, in the axes `right`, `up`.
-  void finish(double disk_squared) {
-    arcs_ = angles_.sum();
-    area_ = (triangles_ + disk_squared * arcs_) / 2;
-    first_.x = triangles_first_.x / 6 + disk_squared / 3 * arcs_first_.x;
-    first_.y = triangles_first_.y / 6 + disk_squared / 3 * arcs_first_.y;
-    const double weight = disk_squared / 8, isotropic = weight * disk_squared * arcs_;
-    second_[0] = triangles_second_[0] / 24 + isotropic + weight * arcs_second_[0];
-    second_[1] = triangles_second_[1] / 24 + weight * arcs_second_[1];
-    second_[2] = triangles_second_[2] / 24 + isotropic - weight * arcs_second_[0];
-  }
-  double arcs() const { return arcs_; }  // their angles together
-  double area() const { return area_; }
-  Vec3 first() const { return first_.x * right_ + first_.y * up_; }
-  void add_second(Mat3& sum, double weight) const {
-    add_outer(sum, weight, right_, second_[0] * right_ + second_[1] * up_);
-    add_outer(sum, weight, up_, second_[1] * right_ + second_[2] * up_);
-  }
-
- private:
-  // With u the unit vector to a point of the arc and v that turned by a right angle, u·uᵀ is half the identity less the
-  // derivative of (u·vᵀ + v·uᵀ) / 4 by the angle.
-  void arc(Flat p, Flat q) {
-    const double cosine = flat_dot(p, q), sine = flat_cross(p, q);
-    angles_.add(cosine, sine);
-    if (std::abs(sine) <= 0x1p-20 * cosine) {
-      doubtful_ = true;
-    } else if (sine < 0) {
-      angles_.add_turn();
-    }
-    arcs_first_.x += q.y - p.y;
-    arcs_first_.y -= q.x - p.x;
-    arcs_second_[0] += q.x * q.y - p.x * p.y;
-    arcs_second_[1] += ((p.x * p.x - p.y * p.y) - (q.x * q.x - q.y * q.y)) / 2;
-  }
-
-  Vec3 right_, up_;
-  double triangles_ = 0;  // twice their area; so on
-  Flat triangles_first_;
-  std::array<double, 3> triangles_second_{};  // xx, xy, yy
-  AngleSum angles_;
-  Flat arcs_first_;
-  std::array<double, 2> arcs_second_{};
-  double longest_squared_ = 0;
-  Flat first_entry_, exit_;
-  bool straight_ = false, left_ = false, doubtful_ = false;
-  double arcs_ = 0, area_ = 0;
-  Flat first_;
-  std::array<double, 3> second_{};
-};
+double largest(std::array<double, kLanes> values) {
+  for (std::size_t half = kLanes / 2; half > 0; half /= 2)
+    for (std::size_t k = 0; k < half; ++k) values[k] = values[k + half] > values[k] ? values[k + half] : values[k];
+  return values[0];
+}
 
 // Heights over the plane normal · x = offset; returns the largest.
 SPHERULE_VECTORS
@@ -182,7 +82,7 @@ double heights_over(Vec3 normal, double offset, const double* x, const double* y
       highest[k] = height > highest[k] ? height : highest[k];
     }
   }
-  return *std::max_element(highest.begin(), highest.end());
+  return largest(highest);
 }
 
 // Squared distances from a point; returns the largest.
@@ -197,10 +97,66 @@ double squares_from(Vec3 point, const double* x, const double* y, const double* 
       farthest[k] = square > farthest[k] ? square : farthest[k];
     }
   }
-  return *std::max_element(farthest.begin(), farthest.end());
+  return largest(farthest);
 }
 
 }  // namespace
+
+BallCell::Outline::Outline(Vec3 normal, double scale) : scale_(scale) {
+  // T. Duff and others, Building an orthonormal basis, revisited (2017).
+  const double sign = std::copysign(1.0, normal.z), a = -1 / (sign + normal.z), b = normal.x * normal.y * a;
+  right_ = {1 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x};
+  up_ = {b, sign + normal.y * normal.y * a, -normal.y};
+}
+
+void BallCell::Outline::add_piece(Flat from, Flat to) {
+  const double area = from.x * to.y - from.y * to.x;
+  const Flat both{from.x + to.x, from.y + to.y}, piece{to.x - from.x, to.y - from.y};
+  triangles_ += area;
+  triangles_first_.x += area * both.x;
+  triangles_first_.y += area * both.y;
+  triangles_second_[0] += area * (from.x * from.x + to.x * to.x + both.x * both.x);
+  triangles_second_[1] += area * (from.x * from.y + to.x * to.y + both.x * both.y);
+  triangles_second_[2] += area * (from.y * from.y + to.y * to.y + both.y * both.y);
+  longest_squared_ = std::max(longest_squared_, piece.x * piece.x + piece.y * piece.y);
+  has_pieces_ = true;
+}
+
+// With u the unit vector to a point of an arc and v that turned by a right angle, u·uᵀ is half the identity less the
+// derivative of (u·vᵀ + v·uᵀ) / 4 by the angle.
+void BallCell::Outline::end_arc(Flat p, double sign) {
+  const double c = scale_ * p.x, s = sign * scale_ * p.y;
+  const double cosine = c * cosine_ - s * sine_;
+  sine_ = c * sine_ + s * cosine_;
+  cosine_ = cosine;
+  arcs_first_.x += sign * p.y;
+  arcs_first_.y -= sign * p.x;
+  arcs_second_[0] += sign * p.x * p.y;
+  arcs_second_[1] += sign * (p.y * p.y - p.x * p.x) / 2;
+}
+
+bool BallCell::Outline::may_be_circle(double disk_squared) const {
+  return std::abs(sine_) <= 0x1p-20 * cosine_ && longest_squared_ < disk_squared / 4;
+}
+
+// About the foot, in the axes `right`, `up`.
+void BallCell::Outline::finish(double disk_squared, bool circle) {
+  // Arcs do not overlap, so together they are at most one turn; rounding may turn nothing a little backwards.
+  arcs_ = std::atan2(sine_, cosine_);
+  if (circle || (arcs_ < 0 && std::abs(sine_) > 0x1p-20 * cosine_)) arcs_ += kTwoPi;
+  area_ = (triangles_ + disk_squared * arcs_) / 2;
+  first_.x = triangles_first_.x / 6 + disk_squared / 3 * arcs_first_.x;
+  first_.y = triangles_first_.y / 6 + disk_squared / 3 * arcs_first_.y;
+  const double weight = disk_squared / 8, isotropic = weight * disk_squared * arcs_;
+  second_[0] = triangles_second_[0] / 24 + isotropic + weight * arcs_second_[0];
+  second_[1] = triangles_second_[1] / 24 + weight * arcs_second_[1];
+  second_[2] = triangles_second_[2] / 24 + isotropic - weight * arcs_second_[0];
+}
+
+void BallCell::Outline::add_second(Mat3& sum, double weight) const {
+  add_outer(sum, weight, right_, second_[0] * right_ + second_[1] * up_);
+  add_outer(sum, weight, up_, second_[1] * right_ + second_[2] * up_);
+}
 
 template <std::size_t Count>
 void BallCell::start(const std::array<Vec3, Count>& positions, const std::array<Corner, Count>& corners, Vec3 pivot) {
@@ -383,33 +339,23 @@ void BallCell::replace_removed() {
   fill_lanes();
 }
 
-template <typename Visit>
-void BallCell::walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const {
-  std::uint32_t v = start;
-  unsigned i = number_of(face, v);
-  do {
-    const std::uint32_t w = corners_[v].next[after(i)];
-    const unsigned j = number_of(face, w);
-    visit(v, w, v < w ? 3 * v + after(i) : 3 * w + before(j));
-    v = w;
-    i = j;
-  } while (v != start);
-}
-
 bool BallCell::surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const {
+  const std::uint32_t start = some_corner_[face];
+  const Vec3 first = position(start);
   double widest = 0;
-  bool around = true;
-  const Vec3 first = position(some_corner_[face]);
-  walk(face, some_corner_[face], [&](std::uint32_t from, std::uint32_t to, std::size_t) {
-    const Vec3 p = position(from), edge = position(to) - p;
-    widest = std::max(widest, squared_norm(p - first));
+  std::uint32_t v = start;
+  do {
+    const std::uint32_t w = corners_[v].next[after(number_of(face, v))];
+    const Vec3 p = position(v), edge = position(w) - p;
     const double side = dot(faces_[face].normal, cross(p - foot, edge));
-    around = around && (side >= 0 && side * side >= disk_squared / 4 * squared_norm(edge));
-  });
-  return around && widest > disk_squared;
+    if (!(side >= 0) || side * side < disk_squared / 4 * squared_norm(edge)) return false;
+    widest = std::max(widest, squared_norm(p - first));
+    v = w;
+  } while (v != start);
+  return widest > disk_squared;
 }
 
-BallCell::Turning BallCell::cross_edges(double radius) {
+BallCell::Turning BallCell::trace_edges(double radius) {
   const double radius_squared = radius * radius;
   Turning turning;
   // The outline comes along the arc of one face and goes on along that of another: where the other's polygon enters the
@@ -424,36 +370,45 @@ BallCell::Turning BallCell::cross_edges(double radius) {
     angles.add(cosine, sine);
     if (sine < 0 && sine > kNearlyBack * cosine) angles.add_turn();
   };
-  crossings_.resize(3 * corners_.size());
   for (std::uint32_t v = 0; v < corners_.size(); ++v) {
     for (unsigned i = 0; i < 3; ++i) {
       const std::uint32_t w = corners_[v].next[i];
       if (w < v) continue;
-      Crossing& crossing = crossings_[3 * v + i];
-      crossing.kind = Crossing::Kind::none;
+      // As seen walking from v to w; the left one's polygon has the edge in this direction.
       const std::uint32_t left = corners_[v].faces[before(i)], right = corners_[v].faces[after(i)];
       if (some_corner_[left] == kNone || some_corner_[right] == kNone) continue;
-      const Vec3 p = position(v), q = position(w);
-      if (in_ball_[v] && in_ball_[w]) {
-        crossing.kind = Crossing::Kind::whole;
-      } else if (in_ball_[v]) {
-        crossing = {Crossing::Kind::one_end, passage(p, q, radius_squared), {}};
-        turn(crossing.first, faces_[left], faces_[right]);
-      } else if (in_ball_[w]) {
-        crossing = {Crossing::Kind::one_end, passage(q, p, radius_squared), {}};
-        turn(crossing.first, faces_[right], faces_[left]);
-      } else {
-        const Vec3 d = q - p;
+      const bool begins_in = in_ball_[v], ends_in = in_ball_[w];
+      Vec3 begin = position(v), end = position(w);
+      if (!begins_in && !ends_in) {
+        const Vec3 p = begin, d = end - begin;
         const double a = squared_norm(d), b = dot(p, d);
         if (!(b < 0) || !(-b < a)) continue;
         const double depth = radius_squared - squared_norm(cross(p, d)) / a;
         if (!(depth > 0)) continue;
         const double middle = -b / a, half = std::sqrt(depth / a);
-        crossing = {Crossing::Kind::middle, p + std::max(middle - half, 0.0) * d, p + std::min(middle + half, 1.0) * d};
-        turn(crossing.first, faces_[right], faces_[left]);
-        turn(crossing.second, faces_[left], faces_[right]);
+        begin = p + std::max(middle - half, 0.0) * d;
+        end = p + std::min(middle + half, 1.0) * d;
+      } else if (!ends_in) {
+        end = passage(begin, end, radius_squared);
+      } else if (!begins_in) {
+        begin = passage(end, begin, radius_squared);
       }
       ++turning.pieces;
+      Outline &on_left = outlines_[left], &on_right = outlines_[right];
+      const Flat left_begin = on_left.flat(begin), left_end = on_left.flat(end);
+      const Flat right_begin = on_right.flat(begin), right_end = on_right.flat(end);
+      on_left.add_piece(left_begin, left_end);
+      on_right.add_piece(right_end, right_begin);
+      if (!begins_in) {
+        on_left.enter(left_begin);
+        on_right.leave(right_begin);
+        turn(begin, faces_[right], faces_[left]);
+      }
+      if (!ends_in) {
+        on_left.leave(left_end);
+        on_right.enter(right_end);
+        turn(end, faces_[left], faces_[right]);
+      }
     }
   }
   turning.angle = angles.sum();
@@ -486,7 +441,13 @@ BallPiece BallCell::measure(double ball_radius) {
       if (std::abs(offset) <= (1 + 0x1p-40) * radius) some_corner_[face] = v;
     }
   }
-  const Turning turning = cross_edges(radius);
+  outlines_.clear();
+  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    const double offset = some_corner_[f] == kNone ? 0 : faces_[f].offset;
+    const double disk = std::sqrt(std::max(0.0, (radius - offset) * (radius + offset)));
+    outlines_.emplace_back(faces_[f].normal, 1 / std::max(disk, 0x1p-50 * radius));
+  }
+  const Turning turning = trace_edges(radius);
 
   int flat_parts = 0;
   double bending = 0;  // of the outline along its arcs
@@ -498,41 +459,13 @@ BallPiece BallCell::measure(double ball_radius) {
     const Face& face = faces_[f];
     const Vec3 foot = face.offset * face.normal;
     const double disk_squared = std::max(0.0, (radius - face.offset) * (radius + face.offset));
-    Outline outline(face.normal);
-    Flat at;  // the corner that the last edge led to, if in the ball
-    bool known = false;
-    walk(f, some_corner_[f], [&](std::uint32_t from, std::uint32_t to, std::size_t edge) {
-      const Crossing& crossing = crossings_[edge];
-      if (crossing.kind == Crossing::Kind::none) return;
-      if (crossing.kind == Crossing::Kind::middle) {
-        const Flat first = outline.flat(crossing.first), second = outline.flat(crossing.second);
-        const Flat in = from < to ? first : second, out = from < to ? second : first;
-        outline.enter(in);
-        outline.segment(in, out);
-        outline.leave(out);
-        return;
-      }
-      Flat begin, end;
-      if (in_ball_[from]) {
-        begin = known ? at : outline.flat(position(from));
-      } else {
-        begin = outline.flat(crossing.first);
-        outline.enter(begin);
-      }
-      known = in_ball_[to];
-      end = at = outline.flat(known ? position(to) : crossing.first);
-      outline.segment(begin, end);
-      if (!known) outline.leave(end);
-    });
-    if (outline.straight()) {
-      outline.close();
-      if (outline.may_lack_circle(disk_squared) && surrounds(f, foot, disk_squared)) outline.whole_circle();
-    } else if (disk_squared > 0 && surrounds(f, foot, disk_squared)) {
-      outline.whole_circle();
-    } else {
-      continue;
+    Outline& outline = outlines_[f];
+    bool circle = false;
+    if (!outline.has_pieces() || outline.may_be_circle(disk_squared)) {
+      circle = disk_squared > 0 && surrounds(f, foot, disk_squared);
+      if (!circle && !outline.has_pieces()) continue;
     }
-    outline.finish(disk_squared);
+    outline.finish(disk_squared, circle);
     ++flat_parts;
     bending += face.offset / radius * outline.arcs();
     const double flat_area = outline.area();

@@ -71,10 +71,48 @@ class BallCell {
     std::uint32_t following = 0, previous = 0;  // cuts around the new face
     Vec3 where{};
   };
-  // The part of an edge within the ball.
-  struct Crossing {
-    enum class Kind : std::uint8_t { none, whole, one_end, middle } kind;
-    Vec3 first, second;  // where it passes the sphere; of two, in the order of the edge's ends by number
+  // A point of a face's plane, in coordinates about the foot of the ball's centre.
+  struct Flat {
+    double x = 0, y = 0;
+  };
+  // What a face has within the ball: a part of a disk about its foot, with an outline of straight pieces and arcs. The
+  // integrals of 1, x and x·xᵀ over it are sums over triangles and sectors between the foot and these pieces, and those
+  // of the sectors are differences of what their ends contribute: so pieces may come in any order.
+  class Outline {
+   public:
+    Outline(Vec3 normal, double scale);  // `scale` is about the inverse of the disk's radius
+
+    Flat flat(Vec3 p) const { return {dot(right_, p), dot(up_, p)}; }
+    // Of the polygon, counter-clockwise. An arc ends where one enters the ball and begins where one leaves it.
+    void add_piece(Flat from, Flat to);
+    void enter(Flat p) { end_arc(p, 1); }
+    void leave(Flat p) { end_arc(p, -1); }
+
+    bool has_pieces() const { return has_pieces_; }
+    // The arcs' angles together are near a whole number of turns, and what else there is is short.
+    bool may_be_circle(double disk_squared) const;
+    void finish(double disk_squared, bool circle);
+    double arcs() const { return arcs_; }  // their angles together
+    double area() const { return area_; }
+    Vec3 first() const { return first_.x * right_ + first_.y * up_; }
+    void add_second(Mat3& sum, double weight) const;
+
+   private:
+    void end_arc(Flat p, double sign);
+
+    Vec3 right_, up_;
+    double scale_;
+    double triangles_ = 0;  // twice their area; so on
+    Flat triangles_first_;
+    std::array<double, 3> triangles_second_{};  // xx, xy, yy
+    double cosine_ = 1, sine_ = 0;              // of the arcs' angles together, times about 1
+    Flat arcs_first_;
+    std::array<double, 2> arcs_second_{};
+    double longest_squared_ = 0;
+    bool has_pieces_ = false;
+    double arcs_ = 0, area_ = 0;
+    Flat first_;
+    std::array<double, 3> second_{};
   };
   struct Turning {
     double angle = 0;             // of the spherical part's outline at its corners, where edges pass the sphere
@@ -95,10 +133,8 @@ class BallCell {
     const Triple& faces = corners_[corner].faces;
     return faces[0] == face ? 0 : faces[1] == face ? 1 : 2;
   }
-  // Calls visit(from, to, edge) counter-clockwise as seen from outside; `edge` is the place in crossings_.
-  template <typename Visit>
-  void walk(std::uint32_t face, std::uint32_t start, Visit&& visit) const;
-  Turning cross_edges(double radius);
+  // Hands what edges have within the ball to their faces' outlines.
+  Turning trace_edges(double radius);
   // Whether a face lies around the disk, given that it does or is far from it.
   bool surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const;
 
@@ -116,7 +152,7 @@ class BallCell {
   // Of the measurement under way.
   std::vector<std::uint8_t> in_ball_;
   std::vector<std::uint32_t> some_corner_;  // of a face; none without, and when it is too far to meet the ball
-  std::vector<Crossing> crossings_;         // three a corner; an edge's is at its end of lower number
+  std::vector<Outline> outlines_;           // of the faces
 };
 
 /// The box of the part of a ball about the origin that lies beyond a plane (normal · x >= offset), for |offset| <=

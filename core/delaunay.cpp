@@ -323,11 +323,30 @@ Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Cont
   return cells;
 }
 
-// A facet, filed under its smallest corner.
+// Numbers of cells, filed under one of their corners.
+class Filed {
+ public:
+  Filed() = default;
+  template <typename Corner>
+  Filed(std::span<const Tetrahedron> cells, std::size_t point_count, Corner&& corner)
+      : start_(point_count + 1, 0), cells_(cells.size()) {
+    for (const Tetrahedron& t : cells) ++start_[corner(t)];
+    std::partial_sum(start_.begin(), start_.end(), start_.begin());
+    // Each file is filled from its end, which leaves its start.
+    for (auto c = static_cast<std::uint32_t>(cells.size()); c-- > 0;) cells_[--start_[corner(cells[c])]] = c;
+  }
+  std::span<const std::uint32_t> operator[](std::size_t point) const {
+    return std::span(cells_).subspan(start_[point], start_[point + 1] - start_[point]);
+  }
+
+ private:
+  std::vector<std::uint32_t> start_, cells_;
+};
+
 struct Facet {
-  std::uint32_t middle, largest;
+  std::uint64_t others;  // its corners but the smallest
   std::uint32_t cell;
-  std::uint8_t opposite;
+  std::uint32_t opposite;
 };
 
 // Beyond this many points an audit would dominate the tests of debug builds.
@@ -350,41 +369,39 @@ Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Co
 
 std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,
                                                      const Context& context) {
-  const auto corners = [](const Tetrahedron& t, std::size_t opposite) {
-    std::array<std::uint32_t, 3> f{t[(opposite + 1) % 4], t[(opposite + 2) % 4], t[(opposite + 3) % 4]};
-    std::ranges::sort(f);
-    return f;
-  };
-  std::vector<std::size_t> start(point_count + 1, 0);
-  for (const Tetrahedron& t : cells) {
-    for (std::size_t i = 0; i < 4; ++i) ++start[corners(t, i)[0] + 1];
-  }
-  std::partial_sum(start.begin(), start.end(), start.begin());
-  context.throw_if_cancelled();
-
-  std::vector<Facet> facets(4 * cells.size());
-  {
-    auto next = start;
-    for (std::size_t c = 0; c < cells.size(); ++c) {
-      for (std::size_t i = 0; i < 4; ++i) {
-        const auto [least, middle, largest] = corners(cells[c], i);
-        facets[next[least]++] = {middle, largest, static_cast<std::uint32_t>(c), static_cast<std::uint8_t>(i)};
-      }
+  // Three facets of a cell have its smallest corner, and the smallest of the fourth is the cell's second.
+  Filed by_first, by_second;
+  parallel_for(context, {}, 2, 1, [&](std::size_t task, std::size_t) {
+    if (task == 0) {
+      by_first = Filed(cells, point_count, [](const Tetrahedron& t) { return t[0]; });
+    } else {
+      by_second = Filed(cells, point_count, [](const Tetrahedron& t) { return std::min({t[1], t[2], t[3]}); });
     }
-  }
+  });
   std::vector<std::array<std::uint32_t, 4>> result(cells.size(), {no_cell, no_cell, no_cell, no_cell});
-  parallel_for(context, "neighbours", point_count, 1 << 14, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, "neighbours", point_count, 1 << 12, [&](std::size_t begin, std::size_t end) {
+    std::vector<Facet> facets;  // with one smallest corner
     for (std::size_t v = begin; v < end; ++v) {
-      const auto from = facets.begin() + static_cast<std::ptrdiff_t>(start[v]),
-                 to = facets.begin() + static_cast<std::ptrdiff_t>(start[v + 1]);
-      std::sort(from, to, [](const Facet& a, const Facet& b) {
-        return std::tie(a.middle, a.largest) < std::tie(b.middle, b.largest);
-      });
-      for (auto f = from; f != to && f + 1 != to; ++f) {
-        const Facet &a = f[0], &b = f[1];
-        if (a.middle != b.middle || a.largest != b.largest) continue;
-        result[a.cell][a.opposite] = b.cell;
-        result[b.cell][b.opposite] = a.cell;
+      facets.clear();
+      const auto add = [&](std::uint32_t cell, unsigned opposite, std::uint32_t a, std::uint32_t b) {
+        facets.push_back({std::uint64_t{std::min(a, b)} << 32 | std::max(a, b), cell, opposite});
+      };
+      for (const std::uint32_t c : by_first[v]) {
+        const Tetrahedron& t = cells[c];
+        add(c, 1, t[2], t[3]);
+        add(c, 2, t[3], t[1]);
+        add(c, 3, t[1], t[2]);
+      }
+      for (const std::uint32_t c : by_second[v]) {
+        const auto& [_, i, j, k] = cells[c];
+        add(c, 0, i == v ? j : i, k == v ? j : k);
+      }
+      std::ranges::sort(facets, {}, &Facet::others);
+      for (std::size_t f = 1; f < facets.size(); ++f) {
+        const Facet &p = facets[f - 1], &q = facets[f];
+        if (p.others != q.others) continue;
+        result[p.cell][p.opposite] = q.cell;
+        result[q.cell][q.opposite] = p.cell;
       }
     }
   });

@@ -28,7 +28,7 @@ using Tetrahedralization = std::vector<Tetrahedron>;
 /// Expected O(n log n); peak memory about 600 bytes a point. Throws cancelled.
 Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Context& context = {});
 
-/// neighbours[t][i] is the index of the cell across the facet opposite vertex i of t, or no_cell on the hull.
+/// neighbours[t][i] is the index of the cell across the facet opposite vertex i of t, or no_cell on the hull. O(cells).
 inline constexpr std::uint32_t no_cell = 0xffffffffU;
 std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,
                                                      const Context& context = {});

@@ -18,8 +18,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
-#include <utility>
 
 #include "core/ball_cell.h"
 #include "core/base/check.h"
@@ -40,8 +40,59 @@ constexpr double kTangent = 1 - 0x1p-40;
 struct Rival {
   Vec3 normal;
   double offset;
-  double height;  // of the plane over the pivot
-  std::uint32_t number;
+};
+
+// Rivals in the order in which their planes cut.
+class Rivals {
+ public:
+  void clear() {
+    rivals_.clear();
+    order_.clear();
+  }
+  // The height is that of the plane over the pivot; among equal ones the number decides.
+  void add(const Rival& rival, double height, std::uint32_t number) {
+    order_.push_back({height, number, static_cast<std::uint32_t>(rivals_.size())});
+    rivals_.push_back(rival);
+  }
+  void sort() { std::ranges::sort(order_); }
+
+  // False when nothing remains.
+  bool cut(BallCell& cell) const {
+    for (const Turn& turn : order_) {
+      if (turn.height >= cell.reach()) break;
+      if (!cell.cut(rivals_[turn.place].normal, rivals_[turn.place].offset)) return false;
+    }
+    return true;
+  }
+
+ private:
+  struct Turn {
+    double height;
+    std::uint32_t number, place;
+
+    auto operator<=>(const Turn&) const = default;
+  };
+  std::vector<Rival> rivals_;
+  std::vector<Turn> order_;
+};
+
+// What a ball about the origin has beyond a plane: |x| <= radius, normal · x >= offset.
+struct Cap {
+  Vec3 normal;
+  double offset;
+  double disk_squared;  // of the plane's disk, by its radius
+
+  Cap(double radius, Vec3 outwards, double where)
+      : normal(outwards), offset(where), disk_squared(std::max(0.0, (radius - where) * (radius + where))) {}
+
+  // Whether any of it lies where d · x > half, as some of the ball does. Yes when in doubt.
+  bool meets(double radius, Vec3 d, double length, double half) const {
+    const double along = dot(d, normal);
+    if (along * radius >= offset * length) return true;  // the ball's farthest point along d is in the cap
+    // Less far more than rounding.
+    const double beyond = half - along * offset - 0x1p-40 * radius * length;
+    return beyond <= 0 || beyond * beyond <= (length - along) * (length + along) * disk_squared;
+  }
 };
 
 // Many balls, each with a box around the part of it that may count and a number.
@@ -52,7 +103,7 @@ class Crowd {
     std::uint32_t number;
   };
 
-  Crowd(std::span<const Member> members, std::span<const Box> boxes) : tree_(boxes) {
+  Crowd(std::span<const Member> members, std::span<const Box> boxes, const Context& context) : tree_(boxes, context) {
     members_.reserve(members.size());
     for (const std::uint32_t m : tree_.order()) members_.push_back(members[m]);
   }
@@ -61,14 +112,26 @@ class Crowd {
   const Member& operator[](std::size_t n) const { return members_[n]; }
   std::size_t place_of(std::size_t n) const { return tree_.order()[n]; }
 
+  // Where the rivals of balls that follow each other are looked for.
+  struct Vicinity {
+    std::size_t leaf = std::numeric_limits<std::size_t>::max();
+    std::vector<std::uint32_t> leaves;
+  };
+
   // The balls that bound the cell of ball n, the planes nearest to the pivot first: when the cell is cut by these, most
   // others lie beyond what is left. False if one hides it: of balls with one centre the larger counts, of identical
   // ones that with the lower number.
-  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, std::vector<Rival>& rivals) const {
+  template <typename Matters>
+  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, Vicinity& vicinity, Rivals& rivals,
+                   Matters&& matters) const {
+    if (vicinity.leaf != n / BoxTree::kFan) {
+      vicinity.leaf = n / BoxTree::kFan;
+      tree_.find_leaves(tree_.bounds(vicinity.leaf), vicinity.leaves);
+    }
     rivals.clear();
     const Sphere& ball = members_[n].ball;
     bool hidden = false;
-    tree_.for_each_overlap(box, [&](std::size_t o) {
+    tree_.for_each_overlap(vicinity.leaves, box, [&](std::size_t o) {
       const auto& [other, number] = members_[o];
       const Vec3 d = other.centre - ball.centre;
       const double squared = squared_norm(d), reach = ball.radius + other.radius;
@@ -78,16 +141,15 @@ class Crowd {
         hidden |= larger < 0 || (larger == 0 && number < members_[n].number);
         return;
       }
-      const double inverse = 1 / std::sqrt(squared), offset = (squared + larger) * inverse / 2;
+      const double distance = std::sqrt(squared), half = (squared + larger) / 2;
+      if (!matters(d, distance, half)) return;
+      const double inverse = 1 / distance, offset = half * inverse;
       const Vec3 normal = inverse * d;
       hidden |= offset <= -kTangent * ball.radius;
-      if (offset < kTangent * ball.radius)
-        rivals.push_back({.normal = normal, .offset = offset, .height = offset - dot(normal, pivot), .number = number});
+      if (offset < kTangent * ball.radius) rivals.add({normal, offset}, offset - dot(normal, pivot), number);
     });
     if (hidden) return false;
-    std::sort(rivals.begin(), rivals.end(), [](const Rival& a, const Rival& b) {
-      return a.height != b.height ? a.height < b.height : a.number < b.number;
-    });
+    rivals.sort();
     return true;
   }
 
@@ -99,16 +161,9 @@ class Crowd {
 // One thread's memory.
 struct Workshop {
   BallCell cell;
-  std::vector<Rival> rivals;
-
-  // False when nothing remains.
-  bool cut() {
-    for (const Rival& rival : rivals) {
-      if (rival.height >= cell.reach()) break;
-      if (!cell.cut(rival.normal, rival.offset)) return false;
-    }
-    return true;
-  }
+  Crowd::Vicinity vicinity;
+  Rivals rivals;
+  std::vector<Cap> caps;
 };
 
 Box box_of(const Sphere& s) {
@@ -132,10 +187,10 @@ std::vector<Part> one_a_piece(std::size_t count) {
   return std::vector<Part>((count + kGrain - 1) / kGrain);
 }
 
-Moments sum(const std::vector<Moments>& pieces) {
-  Moments total;
-  for (const Moments& m : pieces) total += m;
-  return total;
+Moments total(const std::vector<Moments>& pieces) {
+  Moments sum;
+  for (const Moments& m : pieces) sum += m;
+  return sum;
 }
 
 // ------------------------------------------------------------------------------------------------------- raw models
@@ -174,7 +229,6 @@ class RawUnion {
     Vec3 normal;  // of length 1
 
     double offset_from(Vec3 centre) const { return dot(normal, corners[0] - centre); }
-    Vec3 middle() const { return (1.0 / 3) * (corners[0] + corners[1] + corners[2]); }
   };
 
   // Exact but for the normal, whose cross product is exact too: differences have 25 bits.
@@ -219,6 +273,7 @@ class RawUnion {
   // enough; taking one for the other moves the surface by that.
   void group_cells() {
     group_.assign(cells_.size(), no_cell);
+    several_.assign(cells_.size(), false);
     std::vector<std::uint32_t> reached;
     for (std::uint32_t c = 0; c < cells_.size(); ++c) {
       if (group_[c] != no_cell || !on_boundary(c)) continue;
@@ -235,74 +290,72 @@ class RawUnion {
         }
       }
       if (reached.size() == 1) continue;
+      several_[c] = true;
       for (const std::uint32_t member : reached) members_.push_back({c, member});
     }
     std::sort(members_.begin(), members_.end());
   }
 
-  bool is_alone(std::uint32_t group) const {
-    const auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
-    return m == members_.end() || m->first != group;
-  }
   // Calls visit(cell) for the cells of a group, ascending.
   template <typename Visit>
   void for_each_member(std::uint32_t group, Visit&& visit) const {
-    auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
-    if (m == members_.end() || m->first != group) return visit(group);
-    for (; m != members_.end() && m->first == group; ++m) visit(m->second);
+    if (!several_[group]) return visit(group);
+    for (auto m = std::lower_bound(members_.begin(), members_.end(), std::pair{group, 0U});
+         m != members_.end() && m->first == group; ++m)
+      visit(m->second);
   }
 
-  // One of each group that reaches beyond a boundary facet, the box of what it has there, and the middle of the facets.
+  // What a group's ball has beyond its boundary facets.
+  void find_caps(const Sphere& ball, std::uint32_t group, std::vector<Cap>& caps) const {
+    caps.clear();
+    for_each_member(group, [&](std::uint32_t member) {
+      for (std::uint32_t v = 0; v < 4; ++v) {
+        if (across_[member][v] != no_cell) continue;
+        const Facet f = facet(member, v);
+        const double offset = f.offset_from(ball.centre);
+        if (offset < kTangent * ball.radius) caps.emplace_back(ball.radius, f.normal, std::max(offset, -ball.radius));
+      }
+    });
+  }
+
+  // One ball of each group, and the box of what it has beyond boundary facets: of one point, where that is nothing.
   struct Balls {
     std::vector<Crowd::Member> balls;
     std::vector<Box> boxes;
-    std::vector<Vec3> pivots;
-
-    void append(const Balls& more) {
-      balls.insert(balls.end(), more.balls.begin(), more.balls.end());
-      boxes.insert(boxes.end(), more.boxes.begin(), more.boxes.end());
-      pivots.insert(pivots.end(), more.pivots.begin(), more.pivots.end());
-    }
   };
   Balls collect_balls() const {
-    auto pieces = one_a_piece<Balls>(cells_.size());
+    std::vector<std::size_t> start((cells_.size() + kGrain - 1) / kGrain + 1, 0);
+    const auto leads = [&](std::size_t c) { return group_[c] == c; };
     parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      Balls& piece = pieces[begin / kGrain];
+      for (std::size_t c = begin; c < end; ++c) start[begin / kGrain + 1] += leads(c);
+    });
+    std::partial_sum(start.begin(), start.end(), start.begin());
+    Balls all{std::vector<Crowd::Member>(start.back()), std::vector<Box>(start.back())};
+    parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      std::vector<Cap> caps;
+      std::size_t place = start[begin / kGrain];
       for (auto c = static_cast<std::uint32_t>(begin); c < end; ++c) {
-        if (group_[c] != c) continue;
+        if (!leads(c)) continue;
         const auto& [i, j, k, l] = cells_[c];
         const Sphere ball = circumsphere({points_[i], points_[j], points_[k], points_[l]});
-        Box box;
-        Vec3 middles;
-        int facets = 0;
-        for_each_member(c, [&](std::uint32_t member) {
-          for (std::uint32_t v = 0; v < 4; ++v) {
-            if (across_[member][v] != no_cell) continue;
-            const Facet f = facet(member, v);
-            const double offset = f.offset_from(ball.centre);
-            if (offset >= kTangent * ball.radius) continue;
-            const Box beyond = moved(cap_box(ball.radius, f.normal, std::max(offset, -ball.radius)), ball.centre);
-            box.include(beyond.min);
-            box.include(beyond.max);
-            middles = middles + f.middle();
-            ++facets;
-          }
-        });
-        if (facets == 0) continue;
-        piece.balls.push_back({ball, c});
-        piece.boxes.push_back(box);
-        piece.pivots.push_back((1.0 / facets) * middles);
+        find_caps(ball, c, caps);
+        Box& box = all.boxes[place];
+        for (const Cap& cap : caps) {
+          const Box beyond = moved(cap_box(ball.radius, cap.normal, cap.offset), ball.centre);
+          box.include(beyond.min);
+          box.include(beyond.max);
+        }
+        if (caps.empty()) box.include(to_vec3(points_[i]));
+        all.balls[place++] = {ball, c};
       }
     });
-    Balls all;
-    for (Balls& piece : pieces) all.append(std::exchange(piece, {}));
     return all;
   }
 
   // What the group's neighbours within the solid leave of the space around the part of its ball that counts.
   void start_cell(const Sphere& ball, std::uint32_t group, const Box& box, Vec3 pivot, BallCell& cell) const {
     const Vec3 centre = ball.centre;
-    if (is_alone(group)) {
+    if (!several_[group]) {
       // A cell's second and first corner, third and fourth: clockwise.
       static constexpr std::array<std::uint8_t, 4> kOrder{1, 0, 2, 3};
       std::array<Vec3, 4> corners;
@@ -334,40 +387,65 @@ class RawUnion {
     });
   }
 
+  // Balls come in another order than cells do, so that each of these would be waited for.
+  static constexpr std::size_t kAhead = 4;
+  void fetch(std::uint32_t cell, const UnionMeasures& result) const {
+    __builtin_prefetch(&cells_[cell]);
+    __builtin_prefetch(&across_[cell]);
+    __builtin_prefetch(&result.parts[cell]);
+  }
+
   void add_balls(const Balls& all, UnionMeasures& result) const {
-    const Crowd crowd(all.balls, all.boxes);
+    const Crowd crowd(all.balls, all.boxes, context_);
     auto pieces = one_a_piece<Moments>(all.balls.size());
     parallel_for(context_, "union", all.balls.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       Workshop shop;
+      Moments sum;
       for (std::size_t n = begin; n < end; ++n) {
+        if (n + kAhead < end) fetch(crowd[n + kAhead].number, result);
         const auto& [ball, group] = crowd[n];
         const std::size_t place = crowd.place_of(n);
         const Box& box = all.boxes[place];
-        const Vec3 pivot = all.pivots[place] - ball.centre;
-        if (!crowd.find_rivals(n, box, pivot, shop.rivals)) continue;
+        find_caps(ball, group, shop.caps);
+        if (shop.caps.empty()) continue;
+        Vec3 pivot;
+        for (const Cap& cap : shop.caps)
+          pivot = pivot + cap.offset / static_cast<double>(shop.caps.size()) * cap.normal;
+        const auto matters = [&](Vec3 d, double length, double half) {
+          return std::ranges::any_of(shop.caps,
+                                     [&](const Cap& cap) { return cap.meets(ball.radius, d, length, half); });
+        };
+        if (!crowd.find_rivals(n, box, pivot, shop.vicinity, shop.rivals, matters)) continue;
         start_cell(ball, group, box, pivot, shop.cell);
-        if (!shop.cut()) continue;
+        if (!shop.rivals.cut(shop.cell)) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
         Moments beyond = piece.moments;
         for_each_member(group, [&](std::uint32_t member) { take_cell_off(member, ball.centre, beyond); });
         BallPart& part = result.parts[group];
         part = {part.volume_mm3 + beyond.volume, piece.area, piece.push};
-        pieces[begin / kGrain] += translated(beyond, ball.centre - kMiddle);
+        sum += translated(beyond, ball.centre - kMiddle);
       }
+      pieces[begin / kGrain] = sum;
     });
-    result.moments = sum(pieces);
+    result.moments = total(pieces);
   }
 
   void to_patient(UnionMeasures& result) const {
     const Lattice& lattice = solid_.boundary.lattice;
     const double u = lattice.unit_mm;
     const Mat3& axes = lattice.grid.direction;
-    for (BallPart& part : result.parts) {
-      part.volume_mm3 *= u * u * u;
-      part.area_mm2 *= u * u;
-      part.push_mm2 = (u * u) * (axes * part.push_mm2);
-      result.area_mm2 += part.area_mm2;
-    }
+    auto areas = one_a_piece<double>(result.parts.size());
+    parallel_for(context_, {}, result.parts.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      double area = 0;
+      for (BallPart& part : std::span(result.parts).subspan(begin, end - begin)) {
+        part.volume_mm3 *= u * u * u;
+        part.area_mm2 *= u * u;
+        part.push_mm2 = (u * u) * (axes * part.push_mm2);
+        area += part.area_mm2;
+      }
+      areas[begin / kGrain] = area;
+    });
+    result.area_mm2 = std::accumulate(areas.begin(), areas.end(), 0.0);
     result.moments = translated(transformed(result.moments, axes, u), lattice.to_patient(kMiddle));
     result.moments += tetrahedra_moments(solid_, context_);
   }
@@ -381,6 +459,7 @@ class RawUnion {
   const Context& context_;
   std::vector<std::array<std::uint32_t, 4>> across_;  // among the inside cells alone
   std::vector<std::uint32_t> group_;  // a cell of the same ball, for cells of a ball that may reach beyond the solid
+  std::vector<bool> several_;         // cells have the group of this one
   std::vector<std::pair<std::uint32_t, std::uint32_t>> members_;  // group and cell, for groups of several
 };
 
@@ -400,22 +479,26 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
   }
   if (members.empty()) return result;
   const Vec3 origin = middle(all);
-  const Crowd crowd(members, boxes);
+  const Crowd crowd(members, boxes, context);
   auto pieces = one_a_piece<Moments>(members.size());
   parallel_for(context, "union", members.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     Workshop shop;
+    Moments sum;
     for (std::size_t n = begin; n < end; ++n) {
       const auto& [ball, number] = crowd[n];
-      if (!crowd.find_rivals(n, box_of(ball), {}, shop.rivals)) continue;
+      if (!crowd.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals,
+                             [](Vec3, double, double) { return true; }))
+        continue;
       shop.cell.reset(ball.radius);
-      if (!shop.cut()) continue;
+      if (!shop.rivals.cut(shop.cell)) continue;
       const BallPiece piece = shop.cell.measure(ball.radius);
       result.parts[number] = {piece.moments.volume, piece.area, piece.push};
-      pieces[begin / kGrain] += translated(piece.moments, ball.centre - origin);
+      sum += translated(piece.moments, ball.centre - origin);
     }
+    pieces[begin / kGrain] = sum;
   });
   for (const BallPart& part : result.parts) result.area_mm2 += part.area_mm2;
-  result.moments = translated(sum(pieces), origin);
+  result.moments = translated(total(pieces), origin);
   return result;
 }
 

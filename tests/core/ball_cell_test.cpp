@@ -228,6 +228,16 @@ TEST(BoxTree, FindsWhatBruteForceFinds) {
       std::ranges::sort(found);
       EXPECT_EQ(found, expected);
     }
+    for (std::size_t n = 0; n < count; ++n) {
+      const Box& asked = boxes[tree.order()[n]];
+      std::vector<std::uint32_t> leaves, found, expected;
+      tree.find_leaves(tree.bounds(n / BoxTree::kFan), leaves);
+      tree.for_each_overlap(leaves, asked, [&](std::size_t place) { found.push_back(tree.order()[place]); });
+      for (std::uint32_t b = 0; b < count; ++b)
+        if (overlap(boxes[b], asked)) expected.push_back(b);
+      std::ranges::sort(found);
+      EXPECT_EQ(found, expected);
+    }
   }
 }
 
