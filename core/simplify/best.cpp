@@ -25,7 +25,9 @@ constexpr double kFewestSamples = 200'000, kSamplesPerSphere = 1000;
 constexpr std::uint32_t kMost = 65535;        // what Fit counts
 constexpr std::uint32_t kMostToReach = 4096;  // spheres tried for an overlap
 constexpr double kCalibrationCost = 0.005;    // of overlap
-constexpr std::uint32_t kFewClusters = 16;    // that refinement starts from too
+constexpr std::uint32_t kFewClusters = 16;    // that refinement starts from too,
+constexpr std::uint32_t kManyClusters = 256;  // of small objects
+constexpr std::uint64_t kSmall = 100'000;     // samples
 constexpr double kLeastGain = 1e-4;           // of the samples, for which steps stay as they are
 constexpr std::size_t kGrain = 1 << 12;
 
@@ -224,7 +226,8 @@ class Best {
       const auto covered = static_cast<double>(cover_.covered[best.simplification.last_level() - 1]);
       if (options_.k) best.optimality_gap = 1 - covered / static_cast<double>(cover_.bound);
     } else {
-      const auto few = std::min({kFewClusters, wanted, static_cast<std::uint32_t>(cover_.order.size())});
+      const auto few = std::min({object_.inside.count() <= kSmall ? kManyClusters : kFewClusters, wanted,
+                                 static_cast<std::uint32_t>(cover_.order.size())});
       clusters_ = split_spheres(
           model_, {.at = SplittingOptions::At::average, .k = few, .representative = Representative::volume}, quiet_);
       refine();
@@ -301,7 +304,7 @@ class Best {
     const auto candidates =
         std::span(local_).first(std::min(local_.size(), std::max<std::size_t>(32 * balls.size(), 512)));
     const SampledObject rough = working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size());
-    const int steps = fine ? rounds(2.5e7, rough, 60, 160) : 30;
+    const int steps = fine ? rounds(2.5e7, rough, 60, 100) : 30;
     // All at once as long as that helps: a ball of a few samples is too small for it.
     for (int round = 1; round <= 3; ++round) {
       Balls moved = detail::moved_together(balls, rough, steps / round, context);
@@ -314,7 +317,7 @@ class Best {
     {
       Refinement work(rough, std::move(balls), context);
       for (int round = 0; round < (fine ? 4 : 2); ++round) {
-        work.sweep(fine ? 6 : 3, 0.1);
+        work.sweep(fine ? 8 : 3, 0.1);
         if (!work.relocate(candidates)) break;
       }
       balls = work.balls();
