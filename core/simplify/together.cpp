@@ -98,10 +98,12 @@ class SoftBalls {
       const auto across = static_cast<float>(dy * dy + dz * dz), step = static_cast<float>(frame_.spacing.x),
                  x0 = static_cast<float>(ball.centre.x);
       float along = 0, over = 0, all = 0;  // sums of dx/d, 1/d and 1, weighted
+      // A sample may be the centre of a ball no wider than its shell.
+      const float least = 1e-6F * step;
       const auto shell = [&](std::int32_t begin, std::int32_t end) {
         for (std::int32_t i = begin; i < end; ++i) {
           if (left[i] == 0) continue;
-          const float dx = static_cast<float>(i) * step - x0, d = std::sqrt(dx * dx + across);
+          const float dx = static_cast<float>(i) * step - x0, d = std::max(std::sqrt(dx * dx + across), least);
           const float out = 0.5F + (d - r) * per_soft;
           if (!(out > 0 && out < 1)) continue;
           const float w = static_cast<float>(value[i]) * left[i] / out;

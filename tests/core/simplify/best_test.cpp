@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <numbers>
 
@@ -132,6 +133,16 @@ TEST(Together, MovesBallsOntoTheObject) {
     EXPECT_NEAR(moved[i].radius, two[i].radius, 0.02);
   }
   EXPECT_EQ(detail::moved_together(start, c.object, 100, {.threads = 3, .cancel = {}, .progress = {}}), moved);
+}
+
+// A ball smaller than its soft shell, with a sample at its very centre.
+TEST(Together, BallsOfASampleStayFinite) {
+  const Case c = made(phantoms::ball({0, 0, 0}, 1), 12);
+  const Vec3 step = c.object.grid.spacing;
+  const Sphere small{{6 * step.x, 6 * step.y, 6 * step.z}, 0.5 * step.x};
+  for (const Sphere& ball : detail::moved_together({small, small}, c.object, 5, {})) {
+    EXPECT_TRUE(std::isfinite(ball.centre.x + ball.centre.y + ball.centre.z + ball.radius));
+  }
 }
 
 TEST(Best, OneBallIsAsGoodAsAnyByBruteForce) {
