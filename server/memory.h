@@ -23,6 +23,11 @@ std::uint64_t memory_to_model(const Grid& grid, VoxelType type, std::size_t boun
 /// Of deriving an answer from a model.
 std::uint64_t memory_to_derive(const api::ModelInfo& model);
 
+/// Of writing so many spheres within a box as a file for one other program; `scan` is the grid of a mask without a
+/// voxel size of its own. Beside memory_to_derive.
+std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t spheres, const Box& box,
+                              const std::optional<Grid>& scan);
+
 /// Of simplifying a model; `grid` is that of the scan that its first source model was made from, if any.
 std::uint64_t memory_to_simplify(const api::ModelInfo& model, const std::optional<Grid>& grid);
 

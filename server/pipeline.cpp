@@ -441,6 +441,9 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Second
       const ModelInfo root = api::model_from(s.root_of(s.find_model(request.model)).document);
       const std::uint64_t spheres = request.level > 0 ? request.level : model.spheres;
       check_exportable(file->format, spheres, root.source.has_value(), file->options);
+      std::optional<Grid> scan;
+      if (file->format == FileFormat::nifti && root.source) scan = volume(root.source->volume).grid;
+      memory += memory_to_write(*file, spheres, model.bounds, scan);
     }
   }
   if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {

@@ -20,11 +20,13 @@
 #include "core/boundary.h"
 #include "core/checks.h"
 #include "core/io/export.h"
+#include "core/io/export_file.h"
 #include "core/measures.h"
 #include "core/pipeline.h"
 #include "core/register/itk.h"
 #include "core/register/register.h"
 #include "core/simplify/simplify.h"
+#include "core/union.h"
 
 namespace spherule::cli {
 namespace {
@@ -70,15 +72,24 @@ class ProgressLine {
   int shown_ = -1;
 };
 
-using Format = std::string (*)(std::span<const Sphere>, std::span<const SphereColumn>);
+using Table = std::string (*)(std::span<const Sphere>, std::span<const SphereColumn>);
 
-// By the file's ending; nullptr when there is no such format.
-Format export_format(const std::filesystem::path& path) {
-  constexpr std::array<std::pair<std::string_view, Format>, 4> kFormats{
+// By the file's ending; nullptr when it is no table.
+Table table_format(const std::filesystem::path& path) {
+  constexpr std::array<std::pair<std::string_view, Table>, 4> kFormats{
       {{".csv", spheres_to_csv}, {".npy", spheres_to_npy}, {".ply", spheres_to_ply}, {".vtp", spheres_to_vtp}}};
-  const auto found =
-      std::ranges::find(kFormats, path.extension().string(), &std::pair<std::string_view, Format>::first);
+  const auto found = std::ranges::find(kFormats, path.extension().string(), &std::pair<std::string_view, Table>::first);
   return found == kFormats.end() ? nullptr : found->second;
+}
+
+// By the file's ending, which may have two dots.
+std::optional<FileFormat> other_format(const std::filesystem::path& path) {
+  const std::string name = path.filename().string();
+  for (std::size_t f = 0; f < file_format_count; ++f) {
+    const auto format = static_cast<FileFormat>(f);
+    if (name.ends_with("." + std::string(info(format).extension))) return format;
+  }
+  return std::nullopt;
 }
 
 void write_file(const std::filesystem::path& path, const std::string& bytes) {
@@ -106,6 +117,7 @@ struct Run {
   const Context& context;
   Report& report;
   std::vector<StageTime> timings{};
+  std::optional<Grid> scan{};  // of the volume that was read
 
   template <typename F>
   auto timed(const char* stage, F&& work) {
@@ -118,6 +130,7 @@ struct Run {
   Volume read() {
     Volume volume = timed("read", [&] { return read_volume(options.files, options.read, context); });
     for (const std::string& warning : volume.warnings) report.row("warning", std::string_view(warning));
+    scan = volume.grid;
     return volume;
   }
 
@@ -146,7 +159,15 @@ struct Run {
 
   void export_spheres(std::span<const Sphere> spheres) {
     if (options.out.empty()) return;
-    write_file(options.out, timed("export", [&] { return export_format(options.out)(spheres, {}); }));
+    write_file(options.out, timed("export", [&] {
+                 if (const Table table = table_format(options.out)) return table(spheres, {});
+                 const FileFormat format = *other_format(options.out);
+                 std::optional<UnionMeasures> whole;
+                 if (needs_union(format)) whole.emplace(measure_union(spheres, context));
+                 return spheres_to_file(
+                     format, {.spheres = spheres, .scan = scan ? &*scan : nullptr, .whole = whole ? &*whole : nullptr},
+                     parse_file_options(format, options.file), context);
+               }));
   }
 
   void counts(const BuiltModel& built) {
@@ -432,8 +453,12 @@ void check_output(const Options& options) {
   } else if (options.command != "points" && options.command != "model" && options.command != "simplify" &&
              options.command != "export") {
     throw UsageError("The command " + options.command + " writes no file; leave out -o.");
-  } else if (export_format(options.out) == nullptr) {
-    throw UsageError("The output file must end in .csv, .npy, .ply or .vtp.");
+  } else if (table_format(options.out) != nullptr) {
+    if (!options.file.empty()) throw UsageError("Tables have no options; leave out --file.");
+  } else if (const auto format = other_format(options.out); format && options.command != "points") {
+    parse_file_options(*format, options.file);
+  } else {
+    throw UsageError("The output file has no ending of a file of spheres; see spherule --help.");
   }
 }
 

@@ -25,7 +25,7 @@ Commands
   measures  volume, area, moments and topology of each representation; thickness, components, enclosing sphere
   checks    the model's own guarantees, with counts of violations
   render    a picture of the spheres (-o picture.png)
-  export    the spheres as a file (-o file.csv, .npy, .ply or .vtp)
+  export    the spheres as a file (-o FILE, see Files)
 
 FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, simplify,
 measures, render and export a set of spheres (.csv or .npy with x y z r in mm).
@@ -54,6 +54,15 @@ R is enclosing, largest, mean or volume.
 Registration
   --fixed FILE           what FILE is laid on; again for each file of it
   --transform T          rigid, similarity or affine (default: similarity)
+
+Files of spheres, by the ending of -o
+  .csv .npy .ply .vtp                    tables
+  .urdf .srdf .xrdf .yml                 robots' collision spheres (.yml: cuRobo)
+  .multisphere .molecule .clump.txt      clumps for LIGGGHTS, LAMMPS, YADE
+  .xyz .pqr .glb                         viewers
+  .vdb .nii.gz                           OpenVDB level set, mask on the grid of the scan
+  --file NAME=VALUE[,NAME=VALUE...]      of all but tables: density=KG_M3, link=NAME, origin=frame|centre,
+                                         style=instanced|mesh, detail=0..5, voxel_mm=D, where the format has them
 
 Pictures
   --view a|p|r|l|h|f     seen from the front, back, right, left, above (head), below (feet) (default: a)
@@ -175,6 +184,7 @@ Options parse(int argc, char** argv) {
     frame,
     grid,
     method,
+    file,
     view,
     size,
     samples,
@@ -195,6 +205,7 @@ Options parse(int argc, char** argv) {
                                  {"frame", required_argument, nullptr, frame},
                                  {"grid", required_argument, nullptr, grid},
                                  {"method", required_argument, nullptr, method},
+                                 {"file", required_argument, nullptr, file},
                                  {"fixed", required_argument, nullptr, fixed},
                                  {"transform", required_argument, nullptr, transform},
                                  {"view", required_argument, nullptr, view},
@@ -229,6 +240,13 @@ Options parse(int argc, char** argv) {
       case frame: options.read.frame = number<int>(optarg, "--frame"); break;
       case grid: options.read.grid = optarg; break;
       case method: options.method = parse_method(method_words(optarg)); break;
+      case file:
+        for (const std::string_view part : split(optarg, ',')) {
+          const std::size_t equals = part.find('=');
+          if (equals == part.npos) throw UsageError("--file expects NAME=VALUE, then others after commas.");
+          options.file.emplace_back(part.substr(0, equals), part.substr(equals + 1));
+        }
+        break;
       case fixed: options.fixed.emplace_back(optarg); break;
       case transform:
         options.transform = one_of(

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/option_texts.h"
 #include "core/inside.h"
 #include "core/io/read.h"
 #include "core/register/solve.h"
@@ -33,6 +34,7 @@ struct Options {
   std::optional<SimplifyMethod> method;
   RenderOptions render;
   std::filesystem::path out;  ///< empty: nothing is written
+  OptionTexts file;           ///< of the file's format (core/io/export_file.h), by its names
   unsigned threads = 1;
   bool plain = false;  ///< "key value" lines for scripts
   bool help = false;

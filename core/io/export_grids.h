@@ -18,13 +18,13 @@ inline constexpr std::size_t max_level_set_blocks = std::size_t{1} << 18;
 /// How far a level set reaches on either side of the surface, voxels.
 inline constexpr double level_set_band = 3;
 
-/// An OpenVDB level set (grid "spheres", float) of the union: negative inside; mm along LPS. Values are
-/// min over balls of |x - centre| - radius, cut at level_set_band voxels: the exact distance to the union outside it,
-/// the exact surface at 0, and inside the depth in the deepest ball, which is the distance to the surface but in front
-/// of creases, where it is less. Throws invalid_argument for a voxel that is not above 0, too_large beyond
-/// `most_blocks` and 2^20 voxels along an axis. Precondition: some ball. The same bytes for any thread count. Space is
-/// halved, with the balls that reach into each part, down to blocks: O(balls + blocks · balls near them). Reports stage
-/// "level set".
+/// An OpenVDB level set (grid "spheres", float) of the union: negative inside; mm along LPS. Values are the distance to
+/// the union's surface, cut at level_set_band voxels; exact but near corners behind which three spheres meet, where it
+/// may be wrong by an eighth of a voxel. Of more than 65,536 balls, which lie as densely as a raw model's, the inside
+/// is the depth in the deepest ball, which is at most that distance. Throws invalid_argument for a voxel that is not
+/// above 0, too_large beyond `most_blocks` and 2^20 voxels along an axis. Precondition: some ball. The same bytes for
+/// any thread count. Space is halved, with the balls that reach into each part, down to blocks, and on to where spheres
+/// meet: O(balls + blocks · balls near them). Reports stage "level set".
 std::string spheres_to_vdb(std::span<const Sphere> balls, double voxel_mm,
                            std::size_t most_blocks = max_level_set_blocks, const Context& context = {});
 

@@ -14,6 +14,7 @@
 #include "core/simplify/fit.h"
 #include "core/simplify/levels.h"
 #include "core/simplify/splitting.h"
+#include "core/simplify/together.h"
 #include "core/union.h"
 
 namespace spherule {
@@ -24,7 +25,10 @@ constexpr double kFewestSamples = 200'000, kSamplesPerSphere = 1000;
 constexpr std::uint32_t kMost = 65535;        // what Fit counts
 constexpr std::uint32_t kMostToReach = 4096;  // spheres tried for an overlap
 constexpr double kCalibrationCost = 0.005;    // of overlap
-constexpr std::uint32_t kFewClusters = 16;    // that refinement starts from too
+constexpr std::uint32_t kFewClusters = 16;    // that refinement starts from too,
+constexpr std::uint32_t kManyClusters = 256;  // of small objects
+constexpr std::uint64_t kSmall = 100'000;     // samples
+constexpr double kLeastGain = 1e-4;           // of the samples, for which steps stay as they are
 constexpr std::size_t kGrain = 1 << 12;
 
 using Balls = std::vector<Sphere>;
@@ -32,10 +36,11 @@ using Balls = std::vector<Sphere>;
 Sphere to_patient(const Grid& grid, const Sphere& ball) { return {grid.to_patient(ball.centre), ball.radius}; }
 
 // A coarser grid of nearly cubic voxels with about `wanted` inside samples, where the object has many more.
-SampledObject working_copy(const SampledObject& object, double wanted) {
+SampledObject working_copy(const SampledObject& object, double fewest, std::size_t k) {
+  const double wanted = std::max(fewest, kSamplesPerSphere * static_cast<double>(k));
   std::array<std::int32_t, 3> steps{1, 1, 1};
   const auto inside = static_cast<double>(object.inside.count());
-  while (inside / (double(steps[0]) * steps[1] * steps[2]) > 2 * wanted) {
+  while (inside / (double(steps[0]) * steps[1] * steps[2]) > 1.5 * wanted) {
     std::size_t finest = 0;
     for (std::size_t a = 1; a < 3; ++a) {
       if (steps[a] * object.grid.spacing[static_cast<int>(a)] <
@@ -60,13 +65,12 @@ class Refinement {
 
   const Balls& balls() const { return balls_; }
 
-  // Every ball in turn, until a sweep gains little and the steps are small. A ball that could not move waits until one
-  // that overlaps it did.
-  void sweep(int most, bool fine) {
-    const double least_gain = (fine ? 2e-4 : 1e-3) * samples_, least_step = (fine ? 0.2 : 0.4) * fit_.voxel();
-    double step = fit_.voxel();
+  // Every ball in turn, with steps that shrink from half a voxel to `finest` voxels as sweeps gain little. A ball that
+  // could not move waits until one that overlaps it did.
+  void sweep(int most, double finest) {
+    double step = 0.5 * fit_.voxel();
     std::vector<std::uint8_t> settled(balls_.size(), 0);
-    for (int s = 0; s < most && step >= least_step; ++s) {
+    for (int s = 0; s < most && step >= finest * fit_.voxel(); ++s) {
       std::int64_t gained = 0;
       for (std::size_t i = 0; i < balls_.size(); ++i) {
         if (settled[i]) continue;
@@ -74,7 +78,7 @@ class Refinement {
         Sphere ball = balls_[i];
         fit_.remove(ball);
         const std::int64_t before = fit_.gain(ball);
-        const std::int64_t after = compass(ball, step, improve(ball, before));
+        const std::int64_t after = compass(ball, step, before);
         fit_.add(ball);
         settled[i] = after == before;
         if (after == before) continue;
@@ -84,7 +88,7 @@ class Refinement {
         }
         balls_[i] = ball;
       }
-      if (static_cast<double>(gained) < least_gain) {
+      if (static_cast<double>(gained) < kLeastGain * samples_) {
         step *= 0.5;
         std::ranges::fill(settled, 0);
       }
@@ -137,16 +141,12 @@ class Refinement {
     }
   }
 
-  // Gauss-Newton steps, halved until they gain. Returns the gain of what `ball` has become, from the one it has.
+  // Coarse steps while they gain. Returns the gain of what `ball` has become, from the one it has.
   std::int64_t improve(Sphere& ball, std::int64_t now) const {
-    bool gains = true;
-    for (int step = 0; step < 4 && gains; ++step) {
-      const Sphere target = fit_.fitted(ball);
-      gains = false;
-      for (double part = 1; part > 0.2 && !gains; part *= 0.5) {
-        const Sphere moved{ball.centre + part * (target.centre - ball.centre),
-                           ball.radius + part * (target.radius - ball.radius)};
-        gains = take_better(moved, ball, now);
+    for (double step = std::max(0.1 * ball.radius, fit_.voxel()); step >= 0.5 * fit_.voxel(); step *= 0.5) {
+      for (std::int64_t before = now - 1; before < now;) {
+        before = now;
+        now = compass(ball, step, now);
       }
     }
     return now;
@@ -203,7 +203,7 @@ class Best {
     const std::uint32_t wanted =
         options_.k.value_or(std::min<std::uint32_t>(kMostToReach, static_cast<std::uint32_t>(model_.spheres.size())));
     context_.report("best", 0);
-    working_ = working_copy(object_, std::max(kFewestSamples, kSamplesPerSphere * wanted));
+    working_ = working_copy(object_, kFewestSamples, wanted);
     const bool inner = options_.mode == BestOptions::Mode::inner;
     candidates_ = detail::thinned(detail::poles(model_), wanted);
     if (inner) {
@@ -226,7 +226,8 @@ class Best {
       const auto covered = static_cast<double>(cover_.covered[best.simplification.last_level() - 1]);
       if (options_.k) best.optimality_gap = 1 - covered / static_cast<double>(cover_.bound);
     } else {
-      const auto few = std::min({kFewClusters, wanted, static_cast<std::uint32_t>(cover_.order.size())});
+      const auto few = std::min({object_.inside.count() <= kSmall ? kManyClusters : kFewClusters, wanted,
+                                 static_cast<std::uint32_t>(cover_.order.size())});
       clusters_ = split_spheres(
           model_, {.at = SplittingOptions::At::average, .k = few, .representative = Representative::volume}, quiet_);
       refine();
@@ -292,24 +293,47 @@ class Best {
                                                      : of_equal_volume(std::move(balls), context);
   }
 
-  // `fine`: to the last gain. From the grid's frame to LPS mm.
+  // As many rounds as some visits of every sample allow.
+  static int rounds(double visits, const SampledObject& object, int least, int most) {
+    const auto samples = static_cast<double>(object.inside.count());
+    return static_cast<int>(std::clamp(visits / samples, double(least), double(most)));
+  }
+
+  // `fine`: with more work. From the grid's frame to LPS mm.
   Balls refined_from(Balls balls, bool fine, const Context& context) const {
     const auto candidates =
         std::span(local_).first(std::min(local_.size(), std::max<std::size_t>(32 * balls.size(), 512)));
+    const SampledObject rough = working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size());
+    const int steps = fine ? rounds(2.5e7, rough, 60, 100) : 30;
+    // All at once as long as that helps: a ball of a few samples is too small for it.
+    for (int round = 1; round <= 3; ++round) {
+      Balls moved = detail::moved_together(balls, rough, steps / round, context);
+      if (score(moved, rough, context) <= score(balls, rough, context)) break;
+      Refinement work(rough, std::move(moved), context);
+      const bool relocated = work.relocate(candidates);
+      balls = work.balls();
+      if (!relocated) break;
+    }
     {
-      Refinement work(working_, std::move(balls), context);
-      work.sweep(fine ? 20 : 12, fine);
-      for (int round = 0; round < 3 && work.relocate(candidates); ++round) work.sweep(6, fine);
-      work.sweep(6, fine);
+      Refinement work(rough, std::move(balls), context);
+      for (int round = 0; round < (fine ? 4 : 2); ++round) {
+        work.sweep(fine ? 8 : 3, 0.1);
+        if (!work.relocate(candidates)) break;
+      }
       balls = work.balls();
     }
-    if (working_.grid.dims != object_.grid.dims) {
+    if (fine) {
       Refinement last(object_, std::move(balls), context);
-      last.sweep(2, fine);
+      last.sweep(rounds(5e6, object_, 6, 20), 0.03);
       balls = last.balls();
     }
     for (Sphere& ball : balls) ball = to_patient(object_.grid, ball);
     return balls;
+  }
+
+  static double score(Balls balls, const SampledObject& object, const Context& context) {
+    for (Sphere& ball : balls) ball = to_patient(object.grid, ball);
+    return measure_overlap(balls, object, context).iou();
   }
 
   Balls of_equal_volume(Balls balls, const Context& context) const {

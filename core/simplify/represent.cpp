@@ -67,8 +67,9 @@ Sphere represent(Representative by, std::span<const Sphere> balls, std::span<con
     centre = centre + weight * (balls[m].centre - origin);
     radius += weight * balls[m].radius;
   }
+  const double of_volume = std::cbrt(3 * total / (4 * std::numbers::pi));
   return {origin + (1 / weights) * centre,
-          by == Representative::mean ? radius / weights : std::cbrt(3 * total / (4 * std::numbers::pi))};
+          by == Representative::mean ? std::max(radius / weights, of_volume) : of_volume};
 }
 
 }  // namespace spherule

@@ -15,8 +15,9 @@ namespace spherule {
 enum class Representative : std::uint8_t {
   enclosing,  ///< the smallest sphere around all members: covers them
   largest,    ///< the largest member (the first of equal ones): never beyond them
-  mean,       ///< mean centre and mean radius, weighted by the members' shares of the volume
-  volume,     ///< mean centre, and the members' shares as volume: keeps the volume but for overlaps of clusters
+  mean,    ///< mean centre and mean radius, weighted by the members' shares of the volume; where the ball of `volume`
+           ///< is larger (small spheres of a wide cluster), that one
+  volume,  ///< mean centre, and the members' shares as volume: keeps the volume but for overlaps of clusters
 };
 
 /// Every sphere's own part of the object's volume, mm³: the volume of its tetrahedron in a raw model, of its ball

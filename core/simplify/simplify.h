@@ -6,7 +6,7 @@
 //   result      what all of them return: levels of detail, and the members of every sphere
 //   object      the samples that results are measured against;  evaluate   the error
 //   represent   one sphere in place of many
-//   cover, fit, ball_tree, ball_components, rows, distance, levels   what the methods are built of
+//   cover, frame, fit, together, ball_tree, ball_components, rows, distance, levels   what the methods are built of
 #pragma once
 
 #include <cstddef>
@@ -27,7 +27,7 @@
 namespace spherule {
 
 /// Changes whenever the same model would be simplified otherwise.
-inline constexpr int simplify_edition = 1;
+inline constexpr int simplify_edition = 2;
 
 /// A method with its options.
 using SimplifyMethod = std::variant<SphericityOptions, SplittingOptions, PruneOptions, BestOptions>;

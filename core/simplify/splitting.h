@@ -22,7 +22,7 @@ struct SplittingOptions {
   };
   At at = At::median;
   std::uint32_t k = 256;  ///< spheres wanted: 1 … the model's count
-  /// Mean radii overlap best with the object, by a large part when clusters are many.
+  /// Overlaps best with the object but where clusters are few and round.
   Representative representative = Representative::mean;
 };
 

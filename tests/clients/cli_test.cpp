@@ -16,6 +16,9 @@
 #include <sstream>
 
 #include "core/io/export.h"
+#include "core/io/export_file.h"
+#include "core/io/read.h"
+#include "core/union.h"
 
 namespace spherule {
 namespace {
@@ -191,16 +194,53 @@ TEST_F(Command, UnusableDataIsOneSentenceAndOne) {
   }
 }
 
+TEST_F(Command, ExportWritesEveryFileThatAServerDoes) {
+  const Outcome few = run("simplify --plain --threshold 100.5 --method best,k=3 -o FOLDER/few.csv" + kBall);
+  ASSERT_EQ(few.status, 0) << few.out;
+  const auto spheres = spheres_from_csv(bytes("few.csv"));
+  const UnionMeasures whole = measure_union(spheres);
+  for (std::size_t f = 0; f < file_format_count; ++f) {
+    const auto format = static_cast<FileFormat>(f);
+    const std::string ending(info(format).extension);
+    const std::string grid = format == FileFormat::nifti ? " --file voxel_mm=0.5" : "";
+    const Outcome o = run("export FOLDER/few.csv -o FOLDER/few." + ending + grid);
+    ASSERT_EQ(o.status, 0) << ending << o.out;
+    const FileOptions options{.voxel_mm = grid.empty() ? std::optional<double>() : 0.5};
+    EXPECT_EQ(bytes(("few." + ending).c_str()), spheres_to_file(format, {.spheres = spheres, .whole = &whole}, options))
+        << ending;
+  }
+  const Outcome mask = run("simplify --threshold 100.5 --method best,k=3 -o FOLDER/mask.nii.gz" + kBall);
+  ASSERT_EQ(mask.status, 0) << mask.out;
+  EXPECT_EQ(read_volume({folder_ / "mask.nii.gz"}, {}).grid.dims, (std::array<std::int32_t, 3>{26, 26, 26}));
+  const Outcome heavy = run("export FOLDER/few.csv -o FOLDER/few.urdf --file density=2500,link=ball");
+  ASSERT_EQ(heavy.status, 0) << heavy.out;
+  EXPECT_NE(bytes("few.urdf").find("\"ball\""), std::string::npos);
+}
+
 TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
-  for (const char* words :
-       {"", "paint FOLDER/ball.raw", "info", "info --colour red FOLDER/ball.raw", "info --threshold",
-        "model FOLDER/ball.raw --raw 26,26,26,uint8", "model --threshold x FOLDER/ball.raw",
-        "model --threshold 1 --range 1,2 FOLDER/ball.raw", "model --range 1 FOLDER/ball.raw",
-        "model --range 2,1 FOLDER/ball.raw --raw 26,26,26,uint8", "info --raw 26,26,uint8 FOLDER/ball.raw",
-        "info --raw 26,26,26,int128 FOLDER/ball.raw", "render --threshold 1 FOLDER/ball.raw",
-        "render --threshold 1 -o FOLDER/a.gif FOLDER/ball.raw", "export --threshold 1 -o FOLDER/a.stl FOLDER/ball.raw",
-        "measures --threshold 1 -o FOLDER/a.csv FOLDER/ball.raw", "info --threads 0 FOLDER/ball.raw",
-        "render --view x -o FOLDER/a.png FOLDER/ball.raw", "info --border ajar FOLDER/ball.raw"}) {
+  for (const char* words : {"",
+                            "paint FOLDER/ball.raw",
+                            "info",
+                            "info --colour red FOLDER/ball.raw",
+                            "info --threshold",
+                            "model FOLDER/ball.raw --raw 26,26,26,uint8",
+                            "model --threshold x FOLDER/ball.raw",
+                            "model --threshold 1 --range 1,2 FOLDER/ball.raw",
+                            "model --range 1 FOLDER/ball.raw",
+                            "model --range 2,1 FOLDER/ball.raw --raw 26,26,26,uint8",
+                            "info --raw 26,26,uint8 FOLDER/ball.raw",
+                            "info --raw 26,26,26,int128 FOLDER/ball.raw",
+                            "render --threshold 1 FOLDER/ball.raw",
+                            "render --threshold 1 -o FOLDER/a.gif FOLDER/ball.raw",
+                            "export --threshold 1 -o FOLDER/a.stl FOLDER/ball.raw",
+                            "measures --threshold 1 -o FOLDER/a.csv FOLDER/ball.raw",
+                            "info --threads 0 FOLDER/ball.raw",
+                            "export --file detail=9 -o FOLDER/a.glb FOLDER/a.csv",
+                            "export --file voxel -o FOLDER/a.vdb FOLDER/a.csv",
+                            "export --file density=1 -o FOLDER/a.csv FOLDER/a.npy",
+                            "points --threshold 1 -o FOLDER/a.urdf FOLDER/ball.raw",
+                            "render --view x -o FOLDER/a.png FOLDER/ball.raw",
+                            "info --border ajar FOLDER/ball.raw"}) {
     const Outcome o = run(words);
     EXPECT_EQ(o.status, 2) << words << '\n' << o.out;
     EXPECT_TRUE(o.out.starts_with("spherule: ")) << o.out;

@@ -3,12 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <numbers>
 
 #include "core/io/read.h"
 #include "core/simplify/cover.h"
 #include "core/simplify/fit.h"
+#include "core/simplify/together.h"
 #include "core/union.h"
 #include "tests/core/simplify/sets.h"
 
@@ -117,13 +119,30 @@ TEST(Fit, GainIsTheChangeOfTheScore) {
   }
 }
 
-TEST(Fit, AStepMovesABallOntoTheObject) {
-  const Case c = made(phantoms::ball({0.1, -0.2, 0.05}, 1.2), 40);
-  const detail::Fit fit(c.object);
-  Sphere ball = detail::to_grid(c.object.grid, Sphere{{-0.1, 0.05, 0.2}, 0.9});
-  for (int step = 0; step < 20; ++step) ball = fit.fitted(ball);
-  EXPECT_LT(norm(c.object.grid.to_patient(ball.centre) - Vec3{0.1, -0.2, 0.05}), 0.02);
-  EXPECT_NEAR(ball.radius, 1.2, 0.02);
+TEST(Together, MovesBallsOntoTheObject) {
+  const std::array two{Sphere{{-1.1, 0.1, -0.2}, 0.9}, Sphere{{0.9, -0.1, 0.3}, 1.2}};
+  const Case c = made(
+      phantoms::either(phantoms::ball(two[0].centre, two[0].radius), phantoms::ball(two[1].centre, two[1].radius)), 40);
+  std::vector<Sphere> start;
+  for (const Sphere& ball : two) {
+    start.push_back(detail::to_grid(c.object.grid, Sphere{ball.centre + Vec3{0.2, -0.1, 0.15}, 0.8 * ball.radius}));
+  }
+  const auto moved = detail::moved_together(start, c.object, 100, {});
+  for (std::size_t i = 0; i < two.size(); ++i) {
+    EXPECT_LT(norm(c.object.grid.to_patient(moved[i].centre) - two[i].centre), 0.02);
+    EXPECT_NEAR(moved[i].radius, two[i].radius, 0.02);
+  }
+  EXPECT_EQ(detail::moved_together(start, c.object, 100, {.threads = 3, .cancel = {}, .progress = {}}), moved);
+}
+
+// A ball smaller than its soft shell, with a sample at its very centre.
+TEST(Together, BallsOfASampleStayFinite) {
+  const Case c = made(phantoms::ball({0, 0, 0}, 1), 12);
+  const Vec3 step = c.object.grid.spacing;
+  const Sphere small{{6 * step.x, 6 * step.y, 6 * step.z}, 0.5 * step.x};
+  for (const Sphere& ball : detail::moved_together({small, small}, c.object, 5, {})) {
+    EXPECT_TRUE(std::isfinite(ball.centre.x + ball.centre.y + ball.centre.z + ball.radius));
+  }
 }
 
 TEST(Best, OneBallIsAsGoodAsAnyByBruteForce) {
