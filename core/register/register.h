@@ -48,7 +48,7 @@ struct RegistrationOptions {
 };
 
 /// Changes whenever the same models and options would give another answer.
-inline constexpr int registration_edition = 1;
+inline constexpr int registration_edition = 2;
 
 /// Throws invalid_argument, naming the field, for options outside their ranges.
 void check_registration_options(const RegistrationOptions& options);
