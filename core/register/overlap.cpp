@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 
 namespace spherule {
 
@@ -17,40 +18,112 @@ double power15(double t) {
   return t8 * t4 * t2 * t;
 }
 
-}  // namespace
+// Sums run in this many lanes, and the lanes are added in order: the same on every machine.
+constexpr std::size_t kLanes = 8, kFloatLanes = 16;
 
-OverlapValue overlap(std::span<const SoftBall> fixed, std::span<const SoftBall> moving, const Pose& pose, double own) {
+// Balls as arrays, filled up with balls of no mass.
+struct Rows {
+  std::vector<double> x, y, z, variance, mass;
+
+  explicit Rows(std::span<const SoftBall> balls) {
+    const std::size_t count = (balls.size() + kLanes - 1) / kLanes * kLanes;
+    for (std::vector<double>* row : {&x, &y, &z, &mass}) row->assign(count, 0);
+    variance.assign(count, 1);
+    for (std::size_t i = 0; i < balls.size(); ++i) {
+      const SoftBall& b = balls[i];
+      x[i] = b.centre.x, y[i] = b.centre.y, z[i] = b.centre.z;
+      variance[i] = b.sigma * b.sigma, mass[i] = b.mass;
+    }
+  }
+};
+
+// What all fixed balls do together to a moving one of mass 1.
+struct Pull {
+  double value = 0, slope = 0;  // of the kernel
+  Vec3 force;                   // sum of slope · way to the fixed ball
+  double widening = 0;          // change of value with the moving ball's own width
+};
+
+SPHERULE_VECTORS
+Pull pull(const Rows& fixed, Vec3 at, double grown) {
+  const double *fx = fixed.x.data(), *fy = fixed.y.data(), *fz = fixed.z.data(), *fv = fixed.variance.data(),
+               *fm = fixed.mass.data();
+  double value[kLanes]{}, slope[kLanes]{}, x[kLanes]{}, y[kLanes]{}, z[kLanes]{}, widening[kLanes]{};
+  const std::size_t count = fixed.x.size();
+  for (std::size_t f = 0; f < count; f += kLanes) {
+    for (std::size_t l = 0; l < kLanes; ++l) {
+      const double inverse = 1 / (fv[f + l] + grown);
+      const double dx = fx[f + l] - at.x, dy = fy[f + l] - at.y, dz = fz[f + l] - at.z;
+      const double u = 0.5 * inverse * (dx * dx + dy * dy + dz * dz);
+      double t = 1 - u / 16;
+      t = t > 0 ? t : 0;
+      const double steep = fm[f + l] * inverse * std::sqrt(inverse) * power15(t);
+      const double v = steep * t, s = steep * inverse;
+      value[l] += v;
+      slope[l] += s;
+      x[l] += s * dx;
+      y[l] += s * dy;
+      z[l] += s * dz;
+      widening[l] += 2 * s * u - 3 * v * inverse;
+    }
+  }
+  Pull sum;
+  for (std::size_t l = 0; l < kLanes; ++l) {
+    sum.value += value[l];
+    sum.slope += slope[l];
+    sum.force = sum.force + Vec3{x[l], y[l], z[l]};
+    sum.widening += widening[l];
+  }
+  return sum;
+}
+
+OverlapValue overlap(const Rows& fixed, std::span<const SoftBall> moving, const Pose& pose, double own) {
   OverlapValue sum;
   const double s = pose.scale;
   // Masses s³, the root of the moving set's own integral s^1.5.
   const double common = s * std::sqrt(s) / std::sqrt(own);
   for (const SoftBall& m : moving) {
     const Vec3 y = pose(m.centre);
-    const double grown = s * s * m.sigma * m.sigma;
-    for (const SoftBall& f : fixed) {
-      const double variance = f.sigma * f.sigma + grown;
-      const Vec3 d = f.centre - y;
-      const double u = squared_norm(d) / (2 * variance);
-      const double t = 1 - u / 16;
-      if (t <= 0) continue;
-      const double weight = common * f.mass * m.mass / (variance * std::sqrt(variance));
-      const double p = power15(t), slope = weight * p / variance;
-      const double value = weight * p * t;
-      sum.value += value;
-      const Vec3 turn = cross(y, d);
-      const std::array<double, 7> step{turn.x, turn.y, turn.z, d.x, d.y, d.z, dot(y, d)};
-      for (std::size_t i = 0; i < 7; ++i) sum.gradient[i] += slope * step[i];
-      // Growth also widens the balls: in the factor before the kernel, and in u.
-      sum.gradient[6] += 1.5 * value - 3 * value * grown / variance + 2 * slope * u * grown;
-      // Of the point y: it moves by turns × y + shifts + growth · y.
-      const Vec3 rows[7] = {{0, -y.z, y.y}, {y.z, 0, -y.x}, {-y.y, y.x, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, y};
-      for (std::size_t i = 0; i < 7; ++i)
-        for (std::size_t j = 0; j <= i; ++j) sum.curvature[i][j] += slope * dot(rows[i], rows[j]);
-    }
+    const double grown = s * s * m.sigma * m.sigma, mass = common * m.mass;
+    const Pull p = pull(fixed, y, grown);
+    const Vec3 turn = cross(y, p.force);
+    sum.value += mass * p.value;
+    // Growth also widens the balls, and adds mass.
+    const std::array<double, 7> gradient{
+        turn.x, turn.y, turn.z, p.force.x, p.force.y, p.force.z, dot(y, p.force) + 1.5 * p.value + grown * p.widening};
+    for (std::size_t i = 0; i < 7; ++i) sum.gradient[i] += mass * gradient[i];
+    // Of the point y: it moves by turns × y + shifts + growth · y.
+    const Vec3 rows[7] = {{0, -y.z, y.y}, {y.z, 0, -y.x}, {-y.y, y.x, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, y};
+    for (std::size_t i = 0; i < 7; ++i)
+      for (std::size_t j = 0; j <= i; ++j) sum.curvature[i][j] += mass * p.slope * dot(rows[i], rows[j]);
   }
   for (std::size_t i = 0; i < 7; ++i)
     for (std::size_t j = 0; j < i; ++j) sum.curvature[j][i] = sum.curvature[i][j];
   return sum;
+}
+
+// Adds, in every lane, what all fixed balls and one moving ball have in common when it is at (x, y, z) of the lane.
+SPHERULE_VECTORS
+void add_overlaps(const Vec3* fixed, std::size_t count, const float* weights, const float* inverses, const float* x,
+                  const float* y, const float* z, float* sum) {
+  for (std::size_t f = 0; f < count; ++f) {
+    const auto fx = static_cast<float>(fixed[f].x), fy = static_cast<float>(fixed[f].y),
+               fz = static_cast<float>(fixed[f].z);
+    const float weight = weights[f], inverse = inverses[f];
+    for (std::size_t l = 0; l < kFloatLanes; ++l) {
+      const float dx = fx - x[l], dy = fy - y[l], dz = fz - z[l];
+      float t = 1 - (dx * dx + dy * dy + dz * dz) * inverse;
+      t = t > 0 ? t : 0;
+      t *= t, t *= t, t *= t, t *= t;
+      sum[l] += weight * t;
+    }
+  }
+}
+
+}  // namespace
+
+OverlapValue overlap(std::span<const SoftBall> fixed, std::span<const SoftBall> moving, const Pose& pose, double own) {
+  return overlap(Rows(fixed), moving, pose, own);
 }
 
 double self_overlap(std::span<const SoftBall> balls) {
@@ -67,7 +140,8 @@ double self_overlap(std::span<const SoftBall> balls) {
 
 std::vector<float> overlaps(std::span<const SoftBall> fixed, std::span<const SoftBall> moving,
                             std::span<const Mat3> rotations, const Context& context) {
-  constexpr std::size_t kLanes = 16;
+  std::vector<Vec3> centres;
+  for (const SoftBall& f : fixed) centres.push_back(f.centre);
   std::vector<float> weights, inverses;
   const double common = 1 / std::sqrt(self_overlap(fixed) * self_overlap(moving));
   for (const SoftBall& m : moving) {
@@ -78,27 +152,17 @@ std::vector<float> overlaps(std::span<const SoftBall> fixed, std::span<const Sof
     }
   }
   std::vector<float> values(rotations.size());
-  parallel_for(context, {}, rotations.size(), 2 * kLanes, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t first = begin; first < end; first += kLanes) {
-      const std::size_t count = std::min(kLanes, end - first);
-      std::array<float, kLanes> sum{}, x{}, y{}, z{};
+  parallel_for(context, {}, rotations.size(), 4 * kFloatLanes, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t first = begin; first < end; first += kFloatLanes) {
+      const std::size_t count = std::min(kFloatLanes, end - first);
+      std::array<float, kFloatLanes> sum{}, x{}, y{}, z{};
       for (std::size_t m = 0; m < moving.size(); ++m) {
         for (std::size_t l = 0; l < count; ++l) {
           const Vec3 p = rotations[first + l] * moving[m].centre;
           x[l] = static_cast<float>(p.x), y[l] = static_cast<float>(p.y), z[l] = static_cast<float>(p.z);
         }
-        for (std::size_t f = 0; f < fixed.size(); ++f) {
-          const auto fx = static_cast<float>(fixed[f].centre.x), fy = static_cast<float>(fixed[f].centre.y),
-                     fz = static_cast<float>(fixed[f].centre.z);
-          const float weight = weights[m * fixed.size() + f], inverse = inverses[m * fixed.size() + f];
-          for (std::size_t l = 0; l < kLanes; ++l) {
-            const float dx = fx - x[l], dy = fy - y[l], dz = fz - z[l];
-            float t = 1 - (dx * dx + dy * dy + dz * dz) * inverse;
-            t = t > 0 ? t : 0;
-            t *= t, t *= t, t *= t, t *= t;
-            sum[l] += weight * t;
-          }
-        }
+        add_overlaps(centres.data(), centres.size(), &weights[m * centres.size()], &inverses[m * centres.size()],
+                     x.data(), y.data(), z.data(), sum.data());
       }
       for (std::size_t l = 0; l < count; ++l) values[first + l] = sum[l];
     }
@@ -109,9 +173,10 @@ std::vector<float> overlaps(std::span<const SoftBall> fixed, std::span<const Sof
 Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving, const Pose& start, bool scale_too,
               int steps) {
   const double own = self_overlap(fixed) * self_overlap(moving);
+  const Rows rows(fixed);
   const int n = scale_too ? 7 : 6;
   Pose pose = start;
-  OverlapValue now = overlap(fixed, moving, pose, own);
+  OverlapValue now = overlap(rows, moving, pose, own);
   double damping = 1e-3;
   for (int step = 0; step < steps && damping < 1e6; ++step) {
     Eigen::Matrix<double, 7, 7> curvature = Eigen::Matrix<double, 7, 7>::Identity();
@@ -128,7 +193,7 @@ Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving,
     const double growth = std::exp(std::clamp(by(6), -0.2, 0.2));
     const Pose next{turn * pose.rotation, growth * pose.scale,
                     growth * (turn * pose.shift) + Vec3{by(3), by(4), by(5)}};
-    const OverlapValue then = overlap(fixed, moving, next, own);
+    const OverlapValue then = overlap(rows, moving, next, own);
     if (then.value > now.value) {
       const double gain = then.value - now.value;
       pose = next, now = then;

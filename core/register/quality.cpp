@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "core/base/parallel.h"
@@ -43,7 +44,9 @@ UnionOverlap exact_overlap(std::span<const Sphere> fixed, std::span<const Sphere
 
 UnionOverlap sampled_overlap(const SphereModel& fixed, const SphereModel& moving, const AffineMap& map,
                              std::size_t samples, const Context& context) {
-  const detail::BallTree fixed_tree(fixed.spheres), moving_tree(moving.spheres);
+  std::array<std::optional<detail::BallTree>, 2> trees;
+  parallel_for(context, {}, 2, 1,
+               [&](std::size_t i, std::size_t) { trees[i].emplace((i == 0 ? fixed : moving).spheres); });
   const AffineMap back = inverse(map);
   Box box, other;
   for (const Sphere& ball : fixed.spheres) box.include(ball);
@@ -66,7 +69,7 @@ UnionOverlap sampled_overlap(const SphereModel& fixed, const SphereModel& moving
       const Vec3 unit{at(1 / g), at(1 / (g * g)), at(1 / (g * g * g))};
       const Vec3 point{box.min.x + unit.x * (box.max.x - box.min.x), box.min.y + unit.y * (box.max.y - box.min.y),
                        box.min.z + unit.z * (box.max.z - box.min.z)};
-      const bool a = holds(fixed_tree, point), b = holds(moving_tree, back(point));
+      const bool a = holds(*trees[0], point), b = holds(*trees[1], back(point));
       count[0] += a;
       count[1] += b;
       count[2] += a && b;

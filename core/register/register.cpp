@@ -160,7 +160,7 @@ class Registering {
     std::vector<Candidate> ends(starts.size());
     parallel_for(silent(), {}, starts.size(), 1, [&](std::size_t i, std::size_t) {
       ends[i].map = match_from(fixed_, moving_, starts[i], options_.transform, options_.weights);
-      ends[i].score = surfaces(ends[i].map, 500).agreement;
+      ends[i].score = surface_agreement(fixed_.surface, moving_.surface, ends[i].map, 500, reach(ends[i].map));
     });
     return distinct(std::move(ends), kSameDegrees, options_.inits);
   }
@@ -190,29 +190,40 @@ class Registering {
     return turns;
   }
 
+  // In rounds: few points tell the hopeless from the good, and what is left gets more of them.
   std::vector<Candidate> by_surfaces(std::vector<Candidate> candidates) const {
-    const auto refined = [&](std::size_t samples, int iterations, double settled, double reach) {
-      parallel_for(silent(), {}, candidates.size(), 1, [&](std::size_t i, std::size_t) {
-        Candidate& c = candidates[i];
-        c.map = fit_surfaces(fixed_.surface, moving_.surface, c.map,
-                             {.kind = options_.transform,
-                              .samples = samples,
-                              .iterations = iterations,
-                              .settled = settled,
-                              .reach_mm = reach * fixed_.size_mm(),
-                              .centre = fixed_.centroid,
-                              .size_mm = fixed_.size_mm(),
-                              .min_scale = options_.min_scale,
-                              .max_scale = options_.max_scale});
-        c.score = surfaces(c.map, 2 * samples).agreement;
-      });
+    struct Round {
+      std::size_t samples;  // of each surface, in all candidates together
+      std::size_t least, most;
+      int iterations;
+      double settled, reach;
+      double keep;  // share of the best one's agreement
     };
-    refined(400, 15, 0.03, 0.25);
-    candidates = distinct(std::move(candidates), kSameDegrees, options_.inits);
-    std::erase_if(candidates,
-                  [&](const Candidate& c) { return c.score < (1 - 2 * kNearlyAsGood) * candidates[0].score; });
-    refined(std::max<std::size_t>(12'000 / candidates.size(), 500), 25, 0.003, 0.05);
-    return distinct(std::move(candidates), kSameDegrees, options_.inits);
+    for (const Round& round :
+         {Round{4'000, 100, 400, 6, 0.03, 0.25, 0.5}, Round{8'000, 400, 400, 15, 0.03, 0.1, 1 - 2 * kNearlyAsGood},
+          Round{12'000, 500, 12'000, 25, 0.003, 0.05, 0}}) {
+      const std::size_t samples = std::clamp(round.samples / candidates.size(), round.least, round.most);
+      const SurfaceFitOptions options{.kind = options_.transform,
+                                      .samples = samples,
+                                      .iterations = round.iterations,
+                                      .settled = round.settled,
+                                      .reach_mm = round.reach * fixed_.size_mm(),
+                                      .centre = fixed_.centroid,
+                                      .size_mm = fixed_.size_mm(),
+                                      .min_scale = options_.min_scale,
+                                      .max_scale = options_.max_scale};
+      // The threads share one candidate, or the candidates.
+      const bool few = candidates.size() < context_.threads;
+      const Context alone{.threads = 1, .cancel = context_.cancel, .progress = {}};
+      parallel_for(few ? alone : silent(), {}, candidates.size(), 1, [&](std::size_t i, std::size_t) {
+        Candidate& c = candidates[i];
+        c.map = fit_surfaces(fixed_.surface, moving_.surface, c.map, options, few ? silent() : alone);
+        c.score = surface_agreement(fixed_.surface, moving_.surface, c.map, 2 * samples, reach(c.map));
+      });
+      candidates = distinct(std::move(candidates), kSameDegrees, options_.inits);
+      std::erase_if(candidates, [&](const Candidate& c) { return c.score < round.keep * candidates[0].score; });
+    }
+    return candidates;
   }
 
   SurfaceDistance surfaces(const AffineMap& map, std::size_t samples) const {
@@ -233,7 +244,7 @@ class Registering {
                      fixed_model_.spheres.size() + moving_model_.spheres.size() <= 20'000;
     result_.overlap = few && options_.transform != TransformKind::affine
                           ? exact_overlap(fixed_model_.spheres, moving_model_.spheres, map, silent())
-                          : sampled_overlap(fixed_model_, moving_model_, map, std::size_t{1} << 16, silent());
+                          : sampled_overlap(fixed_model_, moving_model_, map, std::size_t{1} << 15, silent());
     result_.spheres_overlap = exact_overlap(fixed_.spheres, moving_.spheres, map, silent());
     result_.pairs = match_spheres(fixed_, moving_, map, options_.weights);
     const auto points = point_pairs(fixed_, moving_, result_.pairs);

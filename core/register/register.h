@@ -48,7 +48,7 @@ struct RegistrationOptions {
 };
 
 /// Changes whenever the same models and options would give another answer.
-inline constexpr int registration_edition = 1;
+inline constexpr int registration_edition = 2;
 
 /// Throws invalid_argument, naming the field, for options outside their ranges.
 void check_registration_options(const RegistrationOptions& options);
@@ -85,8 +85,8 @@ struct Registration {
 /// The transform T that takes the moving model onto the fixed one, for any pose, scale and resolution of either. Volume
 /// and second moments of the models give the scale (affine: all but a rotation), their centroids the shift; then the
 /// rotation is looked for among thousands, by the overlap of k soft balls, and the best `inits` are refined by overlap
-/// and by surfaces, robustly, so that what one model lacks does not pull. A function of models and options alone. About
-/// half a second for models of 100,000 spheres, nearly all of it independent of the models' size. Throws what
+/// and by surfaces, robustly, so that what one model lacks does not pull. A function of models and options alone. Less
+/// than half a second for models of 100,000 spheres, a good part of it independent of the models' size. Throws what
 /// check_registration_options does; unusable for a model without volume. Reports stage "register".
 Registration register_models(const SphereModel& fixed, const SphereModel& moving,
                              const RegistrationOptions& options = {}, const Context& context = {});

@@ -29,20 +29,24 @@ struct SurfaceFitOptions {
 /// makes their distances along the mean of both normals small. Pairs count by Tukey's biweight of their distance, whose
 /// reach shrinks with the median of the distances down to twice the spacing of the coarser points, and by how well
 /// their normals agree: so what only one surface has does not pull. Both directions count, which keeps the scale from
-/// shrinking. A function of its
-/// arguments alone. O(iterations · samples · log points).
+/// shrinking. A function of surfaces,
+/// start and options alone. O(iterations · samples · log points).
 AffineMap fit_surfaces(const Surface& fixed, const Surface& moving, const AffineMap& start,
-                       const SurfaceFitOptions& options);
+                       const SurfaceFitOptions& options, const Context& context = {});
 
 /// How well two surfaces agree, of samples of both: distances from the nearest points of the other, but for what lies
 /// along the surface within the points' spacing.
 struct SurfaceDistance {
-  /// Mean of Tukey's biweight of the distance, times the cosine between the normals where positive: 0 … 1.
-  double agreement = 0;
+  double agreement = 0;  ///< surface_agreement
   double mean_mm = 0, p95_mm = 0;
   double fixed_within = 0, moving_within = 0;  ///< share of either surface's samples closer to the other than `reach`
 };
 SurfaceDistance surface_distance(const Surface& fixed, const Surface& moving, const AffineMap& map, std::size_t samples,
                                  double reach_mm, const Context& context = {});
+
+/// Mean of Tukey's biweight of that distance, times the cosine between the normals where positive: 0 … 1. Looks no
+/// farther than `reach_mm`, so it is quick for bad maps, too.
+double surface_agreement(const Surface& fixed, const Surface& moving, const AffineMap& map, std::size_t samples,
+                         double reach_mm);
 
 }  // namespace spherule

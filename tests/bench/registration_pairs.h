@@ -70,6 +70,15 @@ class RealObject {
       at[s] = static_cast<std::int32_t>(std::floor(x));
       part[s] = x - at[s];
     }
+    const auto [nx, ny, nz] = grid_.dims;
+    if (at[0] >= 0 && at[0] + 1 < nx && at[1] >= 0 && at[1] + 1 < ny && at[2] >= 0 && at[2] + 1 < nz) {
+      const std::size_t row = static_cast<std::size_t>(nx), slice = row * static_cast<std::size_t>(ny);
+      const float* v = &values_[static_cast<std::size_t>(at[0]) + row * static_cast<std::size_t>(at[1]) +
+                                slice * static_cast<std::size_t>(at[2])];
+      const auto line = [&](const float* w) { return w[0] + part[0] * (w[1] - w[0]); };
+      const auto plane = [&](const float* w) { return line(w) + part[1] * (line(w + row) - line(w)); };
+      return plane(v) + part[2] * (plane(v + slice) - plane(v));
+    }
     double sum = 0;
     for (int c = 0; c < 8; ++c) {
       double weight = 1;
