@@ -15,10 +15,11 @@ namespace spherule {
 
 namespace {
 
+// Within [0, 1], which rounding may leave where there is nothing in common or nothing else.
 UnionOverlap of_volumes(double fixed, double moving, double both, double either) {
   UnionOverlap overlap;
-  if (fixed + moving > 0) overlap.dice = 2 * std::max(both, 0.0) / (fixed + moving);
-  if (either > 0) overlap.iou = std::max(both, 0.0) / either;
+  if (fixed + moving > 0) overlap.dice = std::clamp(2 * both / (fixed + moving), 0.0, 1.0);
+  if (either > 0) overlap.iou = std::clamp(both / either, 0.0, 1.0);
   return overlap;
 }
 

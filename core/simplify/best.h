@@ -42,13 +42,12 @@ void check_options(const BestOptions& options, std::size_t model_count);
 /// candidate move to it, and at last one ball at a time tries small steps, which stay where they gain samples. Up to 16
 /// (256 of an object of at most 100,000 samples) also start from average splitting's clusters, and the better set
 /// stays. Then, for `best`, all radii change alike until the union's exact volume is the object's (where that hardly
-/// costs overlap), and for `outer` every ball takes in the samples of its power cell. Level k shows the last refined set
-/// and the next of the order. Fewer than k spheres come back when they cover every sample. Every sphere of the model is
-/// a member, of the sphere in whose power cell it is centred.
-/// A function of its arguments alone. Works on about 200,000 samples or 1,000 a sphere where there are more, and at
-/// last on all; sets of fewer than k on fewer. About 10 bytes a sample. Throws invalid_argument for other than one of k
-/// and iou or one out of its bounds, unusable for an overlap that is not reached and for a model without volume.
-/// Reports stage "best".
+/// costs overlap), and for `outer` every ball takes in the samples of its power cell. Level k shows the last refined
+/// set and the next of the order. Fewer than k spheres come back when they cover every sample. Every sphere of the
+/// model is a member, of the sphere in whose power cell it is centred. A function of its arguments alone. Works on
+/// about 200,000 samples or 1,000 a sphere where there are more, and at last on all; sets of fewer than k on fewer.
+/// About 10 bytes a sample. Throws invalid_argument for other than one of k and iou or one out of its bounds, unusable
+/// for an overlap that is not reached and for a model without volume. Reports stage "best".
 BestSpheres best_spheres(const SphereModel& model, const SampledObject& object, const BestOptions& options = {},
                          const Context& context = {});
 
