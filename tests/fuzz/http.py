@@ -13,6 +13,7 @@ and forms name. In the end the server must still answer, stop with status 0, and
 report and no patient. Prints what broke that, with its number; the status is 0 when nothing did.
 Needs python3-yaml.
 """
+import atexit
 import collections
 import copy
 import gzip
@@ -114,6 +115,7 @@ class Server:
                  "--queue-length", "100000", "--queue-per-client", "100000", "--max-wait-s", "2", "--keep-jobs", "10m", "--threads", "1"]
         self.process = subprocess.Popen([SERVER, "--port", "0", "--data", folder + "/data", *flags], stdout=subprocess.PIPE,
                                         stderr=open(self.log_file, "wb"))
+        atexit.register(self.process.kill)  # whatever ends this
         self.port = int(self.process.stdout.readline().rsplit(b":", 1)[1])
         self.contract = yaml.safe_load(self.ask("GET", "/openapi.yaml")[2])
         self.refresh()
