@@ -8,8 +8,8 @@
 
 #include "core/base/check.h"
 #include "core/boundary.h"
+#include "core/interpolated_object.h"
 #include "core/predicates.h"
-#include "core/sampled_object.h"
 
 namespace spherule {
 
@@ -201,7 +201,7 @@ PlaneModel build_plane_model(const Volume& slice, const ObjectRule& rule, std::s
   model.contour = Outline(slice, rule, samples.inside, model.lattice, model.points).edges(context);
   model.triangles = triangulate(model.points, context);
 
-  const SampledObject object(slice, rule, samples.inside, model.lattice);
+  const InterpolatedObject object(slice, rule, samples.inside, model.lattice);
   const auto& points = model.points;
   const auto inside = [&](const PlaneTriangle& t) {
     const LatticePoint a = points[t[0]], b = points[t[1]], c = points[t[2]];

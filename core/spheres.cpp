@@ -8,8 +8,8 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/interpolated_object.h"
 #include "core/predicates.h"
-#include "core/sampled_object.h"
 
 namespace spherule {
 
@@ -58,7 +58,7 @@ Vec3 centre_offset_within(double error, exact::Difference bi, exact::Difference 
   return offset;
 }
 
-bool cell_is_inside(const SampledObject& object, LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+bool cell_is_inside(const InterpolatedObject& object, LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   using exact::operator-;
   const Vec3 offset = centre_offset_within(kCentreError, b - a, c - a, d - a);
   return object.has_ball(to_vec3(a) + offset, kCentreError, [&](LatticePoint sample) {
@@ -95,7 +95,7 @@ SphereModel classify_spheres(const Volume& volume, const ObjectRule& rule, const
                              BoundaryPoints boundary, Tetrahedralization cells, const Context& context) {
   const auto& points = boundary.points;
   std::vector<std::uint8_t> inside(cells.size());
-  const SampledObject object(volume, rule, samples.inside, boundary.lattice);
+  const InterpolatedObject object(volume, rule, samples.inside, boundary.lattice);
   parallel_for(context, "spheres", cells.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
       const auto& [p, q, r, s] = cells[c];

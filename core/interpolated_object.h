@@ -17,9 +17,9 @@
 namespace spherule {
 
 /// A volume as the classification of empty balls sees it: sample bits at lattice planes, and values in between.
-class SampledObject {
+class InterpolatedObject {
  public:
-  SampledObject(const Volume& volume, const ObjectRule& rule, const SampleBits& inside, const Lattice& lattice)
+  InterpolatedObject(const Volume& volume, const ObjectRule& rule, const SampleBits& inside, const Lattice& lattice)
       : volume_(volume), rule_(rule), inside_(inside), lattice_(lattice) {
     for (int a = 0; a < 3; ++a) {
       const auto n = volume.grid.dims[static_cast<std::size_t>(a)];
