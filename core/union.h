@@ -47,7 +47,7 @@ std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& co
 /// computed, each from its tetrahedron and the other balls that reach beyond the solid near it. A part is its cell's
 /// tetrahedron and what its ball has beyond; of cells that share a ball, the first one has that. Relative error of
 /// volume and area below 1e-9: balls that differ by less than 2^-27 of their radius count as one. Expected O(cells);
-/// memory about 200 bytes an inside cell. Precondition: model.solid. Reports stage "union".
+/// memory about 140 bytes an inside cell. Precondition: model.solid. Reports stage "union".
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context = {});
 
 /// measure_raw_union for a model with a solid, measure_union for any other.
