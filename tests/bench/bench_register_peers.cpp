@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Registration beside PCL (FPFH, SAC-IA, ICP) and elastix (affine, mutual information) on the same pairs of volumes. PCL
-// finds no scale: it is given the one that the volumes suggest, and our points with our normals. elastix, whose Debian
-// package has no similarity transform, starts with the centres of gravity laid on each other.
-// Usage: bench_register_peers [pairs of each object]
+// Registration beside PCL (FPFH, SAC-IA, ICP) and elastix (affine, mutual information) on the same pairs of volumes.
+// PCL finds no scale: it is given the one that the volumes suggest, and our points with our normals. elastix, whose
+// Debian package has no similarity transform, starts with the centres of gravity laid on each other. Usage:
+// bench_register_peers [pairs of each object]
 #include <pcl/features/fpfh.h>
 #include <pcl/filters/voxel_grid.h>
 #include <pcl/registration/ia_ransac.h>
