@@ -18,11 +18,6 @@ constexpr double kTwoPi = 2 * std::numbers::pi;
 // tan(π - 3): the tangent of an angle of -3.
 constexpr double kNearlyBack = 0.1425;
 
-void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
-  for (int i = 0; i < 3; ++i)
-    sum.rows[static_cast<std::size_t>(i)] = sum.rows[static_cast<std::size_t>(i)] + weight * a[i] * b;
-}
-
 // Where an edge with one end in the ball passes through its sphere.
 Vec3 passage(Vec3 inside, Vec3 outside, double radius_squared) {
   const Vec3 d = outside - inside;

@@ -34,12 +34,6 @@ static_assert(sizeof(Vec3) == 3 * sizeof(double));
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 
-Box box_of(const Sphere& ball) {
-  Box box;
-  box.include(ball);
-  return box;
-}
-
 // Of unit length, from the middle of a cube of 27 to the others.
 std::vector<Vec3> directions() {
   std::vector<Vec3> result;

@@ -18,6 +18,11 @@ struct Moments {
   Moments& operator+=(const Moments& other);
 };
 
+/// Adds weight · a · bᵀ, what second moments are made of.
+inline void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
+  for (std::size_t i = 0; i < 3; ++i) sum.rows[i] = sum.rows[i] + weight * a[static_cast<int>(i)] * b;
+}
+
 /// The same solid's integrals about an origin that lies at -shift as seen from the old one: every point moves by
 /// `shift`.
 Moments translated(const Moments& moments, Vec3 shift);

@@ -166,17 +166,7 @@ struct Workshop {
   std::vector<Cap> caps;
 };
 
-Box box_of(const Sphere& s) {
-  Box box;
-  box.include(s);
-  return box;
-}
-
 Box moved(const Box& box, Vec3 by) { return {box.min + by, box.max + by}; }
-
-void add_outer(Mat3& sum, double weight, Vec3 a, Vec3 b) {
-  for (std::size_t i = 0; i < 3; ++i) sum.rows[i] = sum.rows[i] + weight * a[static_cast<int>(i)] * b;
-}
 
 constexpr std::size_t kGrain = 1 << 11;
 

@@ -13,7 +13,7 @@ void put(std::string& out, std::uint64_t value, int bytes) {
 }
 
 // `window` as deflateInit2 takes it: which frame is about the data.
-std::string deflated(const std::string& bytes, int window) {
+std::string deflated(std::string_view bytes, int window) {
   z_stream stream{};
   EXPECT_EQ(deflateInit2(&stream, 6, Z_DEFLATED, window, 8, Z_DEFAULT_STRATEGY), Z_OK);
   std::string out(deflateBound(&stream, bytes.size()), '\0');
@@ -29,7 +29,8 @@ std::string deflated(const std::string& bytes, int window) {
 
 }  // namespace
 
-std::string gzip(const std::string& bytes) { return deflated(bytes, 16 + MAX_WBITS); }
+std::string zlib_stream(std::string_view bytes) { return deflated(bytes, MAX_WBITS); }
+std::string gzip(std::string_view bytes) { return deflated(bytes, 16 + MAX_WBITS); }
 
 std::string gunzip(const std::string& bytes) {
   z_stream stream{};

@@ -5,12 +5,14 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace spherule::test {
 
-/// One gzip member (RFC 1952), and what one holds.
-std::string gzip(const std::string& bytes);
+/// A zlib stream (RFC 1950); one gzip member (RFC 1952), and what one holds.
+std::string zlib_stream(std::string_view bytes);
+std::string gzip(std::string_view bytes);
 std::string gunzip(const std::string& bytes);
 
 struct ZipEntry {

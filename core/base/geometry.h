@@ -70,4 +70,10 @@ struct Box {
   }
 };
 
+constexpr Box box_of(const Sphere& s) {
+  Box box;
+  box.include(s);
+  return box;
+}
+
 }  // namespace spherule

@@ -244,7 +244,7 @@ class Registering {
                      fixed_model_.spheres.size() + moving_model_.spheres.size() <= 20'000;
     result_.overlap = few && options_.transform != TransformKind::affine
                           ? exact_overlap(fixed_model_.spheres, moving_model_.spheres, map, silent())
-                          : sampled_overlap(fixed_model_, moving_model_, map, std::size_t{1} << 15, silent());
+                          : sampled_overlap(fixed_model_, moving_model_, map, overlap_samples, silent());
     result_.spheres_overlap = exact_overlap(fixed_.spheres, moving_.spheres, map, silent());
     result_.pairs = match_spheres(fixed_, moving_, map, options_.weights);
     const auto points = point_pairs(fixed_, moving_, result_.pairs);

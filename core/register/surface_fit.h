@@ -29,8 +29,7 @@ struct SurfaceFitOptions {
 /// makes their distances along the mean of both normals small. Pairs count by Tukey's biweight of their distance, whose
 /// reach shrinks with the median of the distances down to twice the spacing of the coarser points, and by how well
 /// their normals agree: so what only one surface has does not pull. Both directions count, which keeps the scale from
-/// shrinking. A function of surfaces,
-/// start and options alone. O(iterations · samples · log points).
+/// shrinking. A function of surfaces, start and options alone. O(iterations · samples · log points).
 AffineMap fit_surfaces(const Surface& fixed, const Surface& moving, const AffineMap& start,
                        const SurfaceFitOptions& options, const Context& context = {});
 

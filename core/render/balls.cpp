@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/vectors.h"
 #include "core/render/discs.h"
 #include "core/render/trace.h"
 
@@ -19,11 +20,8 @@ struct Patched {
 
 // Meets lanes [begin, end) as Primitives::meet does. The distance of the centre from a ray is taken by subtraction: no
 // loss when the ball is large and far.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-__attribute__((target_clones("avx512f", "avx2", "default")))
-#endif
-std::uint32_t
-enter(const Patched& p, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) {
+SPHERULE_VECTORS
+std::uint32_t enter(const Patched& p, Lanes& lanes, const int* valid, std::size_t begin, std::size_t end) {
   alignas(64) std::array<double, Lanes::most> distances;
   alignas(64) std::array<std::int32_t, Lanes::most> enters;
   std::int32_t any = 0;

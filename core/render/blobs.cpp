@@ -19,13 +19,8 @@
 #include <limits>
 #include <utility>
 
+#include "core/base/vectors.h"
 #include "core/render/trace.h"
-
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-#define SPHERULE_EVERY_PROCESSOR __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define SPHERULE_EVERY_PROCESSOR
-#endif
 
 namespace spherule {
 namespace {
@@ -97,7 +92,7 @@ struct Crossings : Lanes {
 
 // Notes the ways through a field, and the entries into its ball: what lies beyond those is beyond the surface. Returns
 // as bits the lanes that enter the ball before `far`.
-SPHERULE_EVERY_PROCESSOR
+SPHERULE_VECTORS
 std::uint32_t cross(const Source& s, std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
                     std::size_t end, Crossing& way, bool& any) {
   alignas(64) std::array<double, kLanes> entries;
@@ -140,7 +135,7 @@ struct Walk {
 };
 
 // From the first field to the last, or to the entry into a ball.
-SPHERULE_EVERY_PROCESSOR
+SPHERULE_VECTORS
 void start(const Crossings& ways, Walk& walk) {
   alignas(64) std::array<double, kLanes> first, last, peaks{};
   first.fill(kInfinity), last.fill(0);
@@ -173,7 +168,7 @@ struct Sums {
   alignas(64) std::array<double, kLanes> value{}, slope{}, bend{};
 };
 
-SPHERULE_EVERY_PROCESSOR
+SPHERULE_VECTORS
 void add_up(const Crossings& ways, const Walk& walk, const std::array<double, kLanes>& to, Sums& sums) {
   for (std::size_t h = 0; h < kEights; ++h) {
     const Eight at = eights(walk.at)[h], next = eights(to)[h], none{};
@@ -241,33 +236,20 @@ class Blobs final : public Tracer, private Primitives {
 
   Box bounds() const override { return bounds_; }
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override {
-    Crossings ways;
-    Walk walk;
-    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
-      const std::size_t count = ways.begin(rays.subspan(begin));
-      hierarchy_->nearest(ways, count, true);
-      ways.sort();
-      walk_in(ways, count, walk);
-      for (std::size_t i = 0; i < count; ++i) {
-        // Nothing, or a ball's entry: rounding may hide the surface just before it.
-        Hit& hit = hits[begin + i] = {ways.far[i], ways.primitive[i], {}};
-        if (walk.met[i] != 0) hit.distance = walk.at[i];
-        if (walk.met[i] != 0 || hit) describe(ways, i, rays[begin + i].origin, hit);
-      }
-    }
+    const auto find = [&](Crossings& ways, std::size_t count) { hierarchy_->nearest(ways, count, true); };
+    for_each_ray(rays, find, [&](std::size_t ray, const Crossings& ways, const Walk& walk, std::size_t lane) {
+      // Nothing, or a ball's entry: rounding may hide the surface just before it.
+      Hit& hit = hits[ray] = {ways.far[lane], ways.primitive[lane], {}};
+      if (walk.met[lane] != 0) hit.distance = walk.at[lane];
+      if (walk.met[lane] != 0 || hit) describe(ways, lane, rays[ray].origin, hit);
+    });
   }
 
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
-    Crossings ways;
-    Walk walk;
-    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
-      const std::size_t count = ways.begin(rays.subspan(begin));
-      hierarchy_->any(ways, count, alike);
-      ways.sort();
-      walk_in(ways, count, walk);
-      for (std::size_t i = 0; i < count; ++i)
-        blocked[begin + i] = ways.primitive[i] != no_primitive || walk.met[i] != 0;
-    }
+    const auto find = [&](Crossings& ways, std::size_t count) { hierarchy_->any(ways, count, alike); };
+    for_each_ray(rays, find, [&](std::size_t ray, const Crossings& ways, const Walk& walk, std::size_t lane) {
+      blocked[ray] = ways.primitive[lane] != no_primitive || walk.met[lane] != 0;
+    });
   }
 
   bool inside(Vec3 point) const override {
@@ -339,6 +321,21 @@ class Blobs final : public Tracer, private Primitives {
     for (std::size_t k = begin; k < end; ++k)
       if (valid[k] != 0) noted.middle[k] = way.middle[k], noted.squared_half[k] = way.squared_half[k];
     return met;
+  }
+
+  // Packet by packet: `find` has the hierarchy find the ways through fields, the rays walk, and use(ray, ways, walk,
+  // lane) takes what came of each.
+  template <typename Find, typename Use>
+  void for_each_ray(std::span<const Ray> rays, Find&& find, Use&& use) const {
+    Crossings ways;
+    Walk walk;
+    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      const std::size_t count = ways.begin(rays.subspan(begin));
+      find(ways, count);
+      ways.sort();
+      walk_in(ways, count, walk);
+      for (std::size_t i = 0; i < count; ++i) use(begin + i, ways, walk, i);
+    }
   }
 
   // Walks the first `count` rays to where they enter.

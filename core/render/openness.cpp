@@ -4,6 +4,7 @@
 // the tangent plane. Single precision, in rows of eight, the eighth of weight 0: each column is summed by itself and
 // the columns last, so the sums are the same on every processor.
 #include "core/render/openness.h"
+#include "core/base/vectors.h"
 
 namespace spherule {
 namespace {
@@ -30,11 +31,8 @@ struct Arrays {
   const float *px, *py, *pz, *nx, *ny, *nz, *lamp, *sky, *lamp_known, *sky_known;
 };
 
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-__attribute__((target_clones("avx2", "default")))
-#endif
-Openness
-smoothed(const Arrays& a, std::size_t first, std::size_t stride, const std::array<float, 6>& place) {
+SPHERULE_VECTORS
+Openness smoothed(const Arrays& a, std::size_t first, std::size_t stride, const std::array<float, 6>& place) {
   Row lamp{}, of_lamp{}, sky{}, of_sky{};
   for (std::size_t v = 0; v < kSide; ++v) {
     const std::size_t i = first + v * stride;

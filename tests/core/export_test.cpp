@@ -9,9 +9,12 @@
 #include <random>
 
 #include "core/base/error.h"
+#include "tests/errors.h"
 
 namespace spherule {
 namespace {
+
+using test::expect_error;
 
 std::vector<Sphere> random_spheres(std::size_t n) {
   std::mt19937_64 random(7);
@@ -24,18 +27,6 @@ std::vector<Sphere> random_spheres(std::size_t n) {
 Sphere as_float32(const Sphere& s) {
   return {{static_cast<float>(s.centre.x), static_cast<float>(s.centre.y), static_cast<float>(s.centre.z)},
           static_cast<float>(s.radius)};
-}
-
-template <typename F>
-void expect_error(F&& f, ErrorCode code, const std::string& words) {
-  try {
-    f();
-    ADD_FAILURE() << "nothing was thrown; expected: " << words;
-  } catch (const Error& e) {
-    EXPECT_EQ(static_cast<int>(e.code()), static_cast<int>(code)) << e.what();
-    EXPECT_NE(std::string(e.what()).find(words), std::string::npos) << e.what();
-    EXPECT_TRUE(std::string(e.what()).ends_with('.')) << e.what();
-  }
 }
 
 void expect_csv_error(std::string_view csv, ErrorCode code, const std::string& words, const ImportLimits& limits = {}) {

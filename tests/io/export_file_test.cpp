@@ -18,6 +18,7 @@
 #include "core/io/export_grids.h"
 #include "core/pipeline.h"
 #include "core/simplify/object.h"
+#include "tests/errors.h"
 #include "tests/io/files.h"
 #include "tests/phantoms.h"
 
@@ -60,18 +61,6 @@ std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
   for (std::string line; std::getline(in, line);) lines.push_back(line);
   return lines;
-}
-
-template <typename F>
-void expect_error(F&& f, ErrorCode code, const std::string& words) {
-  try {
-    f();
-    ADD_FAILURE() << "nothing was thrown; expected: " << words;
-  } catch (const Error& e) {
-    EXPECT_EQ(static_cast<int>(e.code()), static_cast<int>(code)) << e.what();
-    EXPECT_NE(std::string(e.what()).find(words), std::string::npos) << e.what();
-    EXPECT_TRUE(std::string(e.what()).ends_with('.')) << e.what();
-  }
 }
 
 TEST(RigidBodies, OfABall) {

@@ -4,7 +4,6 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <cstdlib>
 #include <fstream>
@@ -33,26 +32,9 @@ fs::path TempFolder::add(const std::string& name, std::string_view bytes) const 
 
 namespace {
 
-std::string deflated(std::string_view bytes, int window_bits) {
-  z_stream z{};
-  if (deflateInit2(&z, 6, Z_DEFLATED, window_bits, 8, Z_DEFAULT_STRATEGY) != Z_OK) throw std::bad_alloc();
-  std::string packed(deflateBound(&z, bytes.size()) + 64, '\0');
-  z.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
-  z.avail_in = static_cast<uInt>(bytes.size());
-  z.next_out = reinterpret_cast<Bytef*>(packed.data());
-  z.avail_out = static_cast<uInt>(packed.size());
-  EXPECT_EQ(deflate(&z, Z_FINISH), Z_STREAM_END);
-  packed.resize(z.total_out);
-  deflateEnd(&z);
-  return packed;
-}
-
 void put(std::string& bytes, std::size_t at, const std::string& value) { bytes.replace(at, value.size(), value); }
 
 }  // namespace
-
-std::string gzip(std::string_view bytes) { return deflated(bytes, 15 + 16); }
-std::string zlib_stream(std::string_view bytes) { return deflated(bytes, 15); }
 
 std::string bytes_of_file(const fs::path& file) {
   std::ostringstream bytes;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "core/io/read.h"
+#include "tests/archives.h"
 
 namespace spherule::test {
 
@@ -34,8 +35,6 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-std::string gzip(std::string_view bytes);
-std::string zlib_stream(std::string_view bytes);
 std::string bytes_of_file(const std::filesystem::path& file);
 
 /// The bytes of a number in either order.

@@ -10,9 +10,12 @@
 #include "core/base/error.h"
 #include "core/marching_cubes.h"
 #include "tests/core/render/scenes.h"
+#include "tests/errors.h"
 
 namespace spherule {
 namespace {
+
+using test::expect_error;
 
 SphereModel of(std::vector<Sphere> spheres) {
   SphereModel model;
@@ -43,16 +46,6 @@ Coverage coverage(const Image& image) { return coverage(image, 0, 0, image.width
 
 double brightness(const Image& image, int x, int y) {
   return at(image, x, y)[0] + at(image, x, y)[1] + at(image, x, y)[2];
-}
-
-template <typename F>
-void expect_error(F&& f, ErrorCode code) {
-  try {
-    f();
-    ADD_FAILURE() << "nothing was thrown";
-  } catch (const Error& e) {
-    EXPECT_EQ(static_cast<int>(e.code()), static_cast<int>(code)) << e.what();
-  }
 }
 
 TEST(Render, SilhouetteOfABallIsItsDisc) {
