@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // Every transition is made under one mutex: first in the catalogue, then in memory. The catalogue's fsync is thereby
-// waited for under the mutex; transitions are rare (a few a job), so simplicity wins.
+// waited for under the mutex; transitions are rare (a few a job), so simplicity wins. Only new jobs, of which many may
+// come at once, are stored without it, so that nobody who asks for another job waits for them.
 #include "server/jobs.h"
 
 #include <algorithm>
@@ -90,6 +91,10 @@ struct JobPool::State {
   std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
   std::unordered_map<std::string, JobPtr> by_result;  // those that a request for the same result may join
   std::deque<std::string> finished;                   // oldest first
+  struct Arriving {
+    std::string result_id, client;
+  };
+  std::unordered_map<std::string, Arriving> arriving;  // by id: the catalogue is just storing them
   std::size_t running = 0;
   std::uint64_t memory = 0;  // of those that run, as estimated
   std::map<std::pair<std::string, JobState>, std::uint64_t> ended_so_far;
@@ -129,6 +134,14 @@ struct JobPool::State {
     queue.push(job->record.client, job);
     announce(*job, JobEvent::Type::state);
     work.notify_one();
+  }
+
+  /// Waits while the catalogue stores a job of which this holds.
+  void await_arrival(std::unique_lock<std::mutex>& lock, auto&& holds) {
+    changed.wait(lock, [&] { return std::ranges::none_of(arriving, holds); });
+  }
+  void await_arrival_of(std::unique_lock<std::mutex>& lock, const std::string& id) {
+    await_arrival(lock, [&](const auto& job) { return job.first == id; });
   }
 
   bool may_start_next() const {
@@ -396,7 +409,8 @@ JobPool::~JobPool() { stop(std::chrono::milliseconds(0)); }
 JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request,
                           const std::string& client, std::uint64_t memory_bytes, bool poll) {
   State& s = *state_;
-  const std::lock_guard lock(s.mutex);
+  std::unique_lock lock(s.mutex);
+  s.await_arrival(lock, [&](const auto& job) { return job.second.result_id == result_id; });
   if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
   if (const auto same = s.by_result.find(result_id); same != s.by_result.end()) {
     Job& job = *same->second;
@@ -409,9 +423,10 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
     return s.status(job);
   }
   if (memory_bytes > s.options.memory_bytes) throw too_much(memory_bytes, s.options.memory_bytes);
-  if (s.queue.size() >= s.options.queue_length)
+  if (s.queue.size() + s.arriving.size() >= s.options.queue_length)
     throw Error(ErrorCode::busy, "The server has as much work waiting as it accepts; try again in a while.");
-  if (s.queue.size_of(client) >= s.options.queue_per_client)
+  const auto arriving = std::ranges::count_if(s.arriving, [&](const auto& job) { return job.second.client == client; });
+  if (s.queue.size_of(client) + static_cast<std::size_t>(arriving) >= s.options.queue_per_client)
     throw Error(ErrorCode::throttled,
                 "You have as many jobs waiting as one client may; try again when some of them are done.");
   JobRecord record;
@@ -422,7 +437,18 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   record.client = client;
   record.memory_bytes = memory_bytes;
   record.created = now();
-  s.catalog.add_job(record);
+  s.arriving[record.id] = {result_id, client};
+  lock.unlock();
+  std::exception_ptr failure;
+  try {
+    s.catalog.add_job(record);
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  lock.lock();
+  s.arriving.erase(record.id);
+  s.changed.notify_all();
+  if (failure) std::rethrow_exception(failure);
   const auto job = std::make_shared<Job>(std::move(record));
   s.enqueue(job);
   return s.status(*job);
@@ -461,6 +487,7 @@ JobStatus JobPool::wait(const std::string& id, std::chrono::milliseconds timeout
 
 JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const {
   std::unique_lock lock(state_->mutex);
+  state_->await_arrival_of(lock, id);
   JobEvents news;
   if (const auto job = state_->find(id)) {
     state_->changed.wait_for(
@@ -483,6 +510,7 @@ JobStatus JobPool::cancel(const std::string& id, const std::string& client) {
   State& s = *state_;
   const Error over(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
   std::unique_lock lock(s.mutex);
+  s.await_arrival_of(lock, id);
   const auto job = s.find(id);
   if (!job) {
     if (!s.catalog.find_job(id)) throw not_found();
@@ -536,7 +564,8 @@ void JobPool::stop(std::chrono::milliseconds grace) {
 
 JobPool::Load JobPool::load() const {
   const std::lock_guard lock(state_->mutex);
-  return {state_->queue.size(), state_->running, state_->memory, state_->stopping, state_->ended_so_far};
+  return {state_->queue.size() + state_->arriving.size(), state_->running, state_->memory, state_->stopping,
+          state_->ended_so_far};
 }
 
 }  // namespace spherule::server

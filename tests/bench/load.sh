@@ -86,7 +86,7 @@ for what in meta.json spheres.npy picture.png; do
   done
 done
 
-# 64 clients submit jobs of a small volume, each at another threshold, while one reads what is cached.
+# 64 clients submit jobs of a small volume, each at another threshold, while one reads what is cached and polls a job.
 head -c 13824 /dev/urandom >"$folder/noise"
 volume=$(curl -fsS --data-binary "@$folder/noise" "$ours/v1/volumes?format=raw&dims=24,24,24&dtype=uint8" | grep -om1 'vol_[0-9a-f]*')
 cat >"$folder/submit.lua" <<END
@@ -99,13 +99,18 @@ function request()
     string.format('{"volume": "$volume", "threshold": %.6f}', 1 + (n * 2 + id) / 1000))
 end
 END
-wrk -t2 -c64 -d"$((seconds + 2))"s -s "$folder/submit.lua" "$ours" >"$folder/submitted" 2>&1 &
+job=$(curl -fsS -H 'Content-Type: application/json' -d "{\"volume\": \"$volume\", \"threshold\": 0.5}" "$ours/v1/models" |
+  grep -om1 'job_[0-9a-f]*')
+wrk -t2 -c64 -d"$((2 * seconds + 3))"s -s "$folder/submit.lua" "$ours" >"$folder/submitted" 2>&1 &
 submitter=$!
 sleep 1
 wrk -t1 -c4 -d"$seconds"s --latency "$ours$meta" >"$folder/meta.under"
+wrk -t1 -c4 -d"$seconds"s --latency "$ours/v1/jobs/$job" >"$folder/job.under"
 wait $submitter
-printf 'cached metadata while 64 clients submit: '
-awk '$1 == "50%" || $1 == "99%" { printf "%s %s  ", $1, $2 } /^Requests\/sec/ { print $2, "requests/s" }' "$folder/meta.under"
+for what in meta job; do
+  printf "%s while 64 clients submit: " "$what"
+  awk '$1 == "50%" || $1 == "99%" { printf "%s %s  ", $1, $2 } /^Requests\/sec/ { print $2, "requests/s" }' "$folder/$what.under"
+done
 printf 'submitted: '
 awk '/^Requests\/sec/ { print $2, "requests/s" } /Non-2xx/ { print; refused = 1 } END { exit refused }' "$folder/submitted"
 awk '/^VmHWM|^Threads/ { print $1, $2, $3 }' "/proc/${pids[0]}/status"

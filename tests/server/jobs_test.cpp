@@ -12,6 +12,7 @@
 #include <set>
 #include <thread>
 
+#include "server/sqlite.h"
 #include "tests/server/doubles.h"
 
 namespace spherule::server {
@@ -150,6 +151,36 @@ TEST_F(Jobs, TheQueueIsBoundedAndInOrder) {
   gate.open();
   EXPECT_EQ(pool.wait(last.record.id, forever).record.state, JobState::succeeded);
   EXPECT_EQ(order, (std::vector<std::string>{"a", "b", "c"}));
+}
+
+// Another connection keeps the catalogue from storing the second job.
+TEST_F(Jobs, NobodyWaitsForAnotherJobToBeStored) {
+  const test::TemporaryFolder folder;
+  Catalog slow(folder.path() / "catalog.sqlite");
+  Gate gate;
+  JobPool pool({}, slow, blobs, [&](const JobRecord& job, JobContext& context) {
+    if (job.result_id == "b") gate.pass(context.context(0, 1));
+    return result_of(job);
+  });
+  const std::string first = pool.submit("model", "a", "").record.id;
+  pool.wait(first, forever);
+  std::string second, same;
+  {
+    sqlite::Connection other(folder.path() / "catalog.sqlite", sqlite::Connection::Mode::write);
+    other.run("BEGIN IMMEDIATE");
+    std::jthread submits([&] { second = pool.submit("model", "b", "").record.id; });
+    const auto late = std::chrono::steady_clock::now() + 4s;  // before the catalogue gives up
+    while (pool.load().queued == 0 && std::chrono::steady_clock::now() < late) std::this_thread::yield();
+    EXPECT_EQ(pool.load().queued, 1U);
+    EXPECT_EQ(pool.status(first).record.state, JobState::succeeded);
+    EXPECT_TRUE(pool.events(first, 0, 0ms).over);
+    std::jthread joins([&] { same = pool.submit("model", "b", "").record.id; });
+    other.run("ROLLBACK");
+  }
+  EXPECT_EQ(second, same);
+  EXPECT_EQ(pool.status(second).record.requesters, 2U);
+  gate.open();
+  EXPECT_EQ(pool.wait(second, forever).record.state, JobState::succeeded);
 }
 
 TEST_F(Jobs, IdenticalRequestsShareOneJob) {
