@@ -136,8 +136,8 @@ class JobPool {
   void stop(std::chrono::milliseconds grace);
 
   struct Load {
-    std::size_t queued = 0, running = 0;
-    std::uint64_t memory_bytes = 0;  ///< of the running jobs, as estimated
+    std::size_t queued = 0, running = 0;  ///< queued: with those that submit() is just storing
+    std::uint64_t memory_bytes = 0;       ///< of the running jobs, as estimated
     bool stopping = false;
     std::map<std::pair<std::string, JobState>, std::uint64_t> ended;  ///< by kind and end, since the pool was made
   };
