@@ -91,10 +91,7 @@ struct JobPool::State {
   std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
   std::unordered_map<std::string, JobPtr> by_result;  // those that a request for the same result may join
   std::deque<std::string> finished;                   // oldest first
-  struct Arriving {
-    std::string result_id, client;
-  };
-  std::unordered_map<std::string, Arriving> arriving;  // by id: the catalogue is just storing them
+  std::unordered_map<std::string, JobPtr> arriving;   // by id: the catalogue is just storing them
   std::size_t running = 0;
   std::uint64_t memory = 0;  // of those that run, as estimated
   std::map<std::pair<std::string, JobState>, std::uint64_t> ended_so_far;
@@ -136,12 +133,8 @@ struct JobPool::State {
     work.notify_one();
   }
 
-  /// Waits while the catalogue stores a job of which this holds.
-  void await_arrival(std::unique_lock<std::mutex>& lock, auto&& holds) {
-    changed.wait(lock, [&] { return std::ranges::none_of(arriving, holds); });
-  }
-  void await_arrival_of(std::unique_lock<std::mutex>& lock, const std::string& id) {
-    await_arrival(lock, [&](const auto& job) { return job.first == id; });
+  void await_arrival(std::unique_lock<std::mutex>& lock, const std::string& id) {
+    changed.wait(lock, [&] { return !arriving.contains(id); });
   }
 
   bool may_start_next() const {
@@ -410,7 +403,9 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
                           const std::string& client, std::uint64_t memory_bytes, bool poll) {
   State& s = *state_;
   std::unique_lock lock(s.mutex);
-  s.await_arrival(lock, [&](const auto& job) { return job.second.result_id == result_id; });
+  s.changed.wait(lock, [&] {
+    return std::ranges::none_of(s.arriving, [&](const auto& job) { return job.second->record.result_id == result_id; });
+  });
   if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
   if (const auto same = s.by_result.find(result_id); same != s.by_result.end()) {
     Job& job = *same->second;
@@ -425,7 +420,8 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   if (memory_bytes > s.options.memory_bytes) throw too_much(memory_bytes, s.options.memory_bytes);
   if (s.queue.size() + s.arriving.size() >= s.options.queue_length)
     throw Error(ErrorCode::busy, "The server has as much work waiting as it accepts; try again in a while.");
-  const auto arriving = std::ranges::count_if(s.arriving, [&](const auto& job) { return job.second.client == client; });
+  const auto arriving =
+      std::ranges::count_if(s.arriving, [&](const auto& job) { return job.second->record.client == client; });
   if (s.queue.size_of(client) + static_cast<std::size_t>(arriving) >= s.options.queue_per_client)
     throw Error(ErrorCode::throttled,
                 "You have as many jobs waiting as one client may; try again when some of them are done.");
@@ -437,19 +433,20 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   record.client = client;
   record.memory_bytes = memory_bytes;
   record.created = now();
-  s.arriving[record.id] = {result_id, client};
+  const auto job = std::make_shared<Job>(std::move(record));
+  const std::string& id = job->record.id;
+  s.arriving[id] = job;
   lock.unlock();
-  std::exception_ptr failure;
   try {
-    s.catalog.add_job(record);
+    s.catalog.add_job(job->record);
   } catch (...) {
-    failure = std::current_exception();
+    lock.lock();
+    s.arriving.erase(id);
+    s.changed.notify_all();
+    throw;
   }
   lock.lock();
-  s.arriving.erase(record.id);
-  s.changed.notify_all();
-  if (failure) std::rethrow_exception(failure);
-  const auto job = std::make_shared<Job>(std::move(record));
+  s.arriving.erase(id);
   s.enqueue(job);
   return s.status(*job);
 }
@@ -487,7 +484,7 @@ JobStatus JobPool::wait(const std::string& id, std::chrono::milliseconds timeout
 
 JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const {
   std::unique_lock lock(state_->mutex);
-  state_->await_arrival_of(lock, id);
+  state_->await_arrival(lock, id);
   JobEvents news;
   if (const auto job = state_->find(id)) {
     state_->changed.wait_for(
@@ -510,7 +507,7 @@ JobStatus JobPool::cancel(const std::string& id, const std::string& client) {
   State& s = *state_;
   const Error over(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
   std::unique_lock lock(s.mutex);
-  s.await_arrival_of(lock, id);
+  s.await_arrival(lock, id);
   const auto job = s.find(id);
   if (!job) {
     if (!s.catalog.find_job(id)) throw not_found();
