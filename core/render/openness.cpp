@@ -4,6 +4,7 @@
 // the tangent plane. Single precision, in rows of eight, the eighth of weight 0: each column is summed by itself and
 // the columns last, so the sums are the same on every processor.
 #include "core/render/openness.h"
+
 #include "core/base/vectors.h"
 
 namespace spherule {

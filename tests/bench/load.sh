@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
 # load.sh [SPHERULED [SECONDS [ROUNDS]]]: cached answers under load (wrk), beside nginx serving the same bytes as files
-# in the same run, and cached reads while 64 clients submit jobs. Loopback only. Prints medians over the rounds, in which
-# the two take turns. Needs the packages of purpose "bench".
+# in the same run, and cached reads and polls of a job while 64 clients submit jobs. Loopback only. Prints medians over
+# the rounds, in which the two take turns. Needs the packages of purpose "bench".
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 server=${1:-build/bench/server/spheruled} seconds=${2:-5} rounds=${3:-3}
