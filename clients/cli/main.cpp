@@ -491,5 +491,7 @@ int main(int argc, char** argv) {
     return fail(error.code() == spherule::ErrorCode::invalid_argument ? 2 : 1, error.what());
   } catch (const std::bad_alloc&) {
     return fail(1, "There is not enough memory for this; choose a smaller volume or part of it.");
+  } catch (const std::exception& error) {
+    return fail(3, (std::string("This is a defect of the program, please report it: ") + error.what()).c_str());
   }
 }

@@ -6,15 +6,25 @@
 //   SPHERULE_AUDIT  on in debug builds: a whole named predicate, may cost as much as the stage itself
 #pragma once
 
-#include <cstdio>
-#include <cstdlib>
+#include <stdexcept>
+#include <string>
 
-namespace spherule::detail {
+namespace spherule {
+
+/// A violated invariant of our own. Thrown, so that a program that serves many loses one piece of work by it and not
+/// the process. `what()` says where, for the log; never shown to remote users.
+class Defect : public std::logic_error {
+ public:
+  using std::logic_error::logic_error;
+};
+
+namespace detail {
 [[noreturn]] inline void check_failed(const char* expression, const char* file, int line) {
-  std::fprintf(stderr, "spherule: %s:%d: violated: %s\n", file, line, expression);
-  std::abort();
+  throw Defect(std::string(file) + ":" + std::to_string(line) + ": violated: " + expression);
 }
-}  // namespace spherule::detail
+}  // namespace detail
+
+}  // namespace spherule
 
 #define SPHERULE_CHECK(expression) \
   ((expression) ? void(0) : ::spherule::detail::check_failed(#expression, __FILE__, __LINE__))
