@@ -208,9 +208,9 @@ void write_job(Connection& database, const JobRecord& job) {
   if (job.error && job.error->code) code = name_of(code_names, *job.error->code);
   Statement(database,
             "UPDATE jobs SET state = ?, stage = ?, progress = ?, requesters = ?, attempts = ?, crashes = ?,"
-            " started = ?, finished = ?, error_code = ?, error_sentence = ? WHERE id = ?",
+            " started = ?, finished = ?, error_code = ?, error_sentence = ?, memory = ? WHERE id = ?",
             to_string(job.state), job.stage, job.progress, job.requesters, job.attempts, job.crashes, job.started,
-            job.finished, code, sentence, job.id)
+            job.finished, code, sentence, job.memory_bytes, job.id)
       .step();
   SPHERULE_CHECK(database.changes() == 1);
   // Rewritten whole: at most 100, a few times in a job's life.
@@ -224,9 +224,9 @@ void write_job(Connection& database, const JobRecord& job) {
 void insert_job(Connection& database, const JobRecord& job) {
   Statement(
       database,
-      "INSERT INTO jobs (id, kind, result_id, request, client, memory, created, state, stage, progress, requesters,"
-      " attempts, crashes) VALUES (?, ?, ?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
-      job.id, job.kind, job.result_id, job.request, job.client, job.memory_bytes, job.created)
+      "INSERT INTO jobs (id, kind, result_id, request, client, created, state, stage, progress, requesters, attempts,"
+      " crashes) VALUES (?, ?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
+      job.id, job.kind, job.result_id, job.request, job.client, job.created)
       .step();
   write_job(database, job);
 }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/config.h"
 
-#include <sys/sysinfo.h>
-
 #include <toml++/toml.h>
 #include <algorithm>
 #include <array>
@@ -17,6 +15,7 @@
 #include <variant>
 
 #include "core/base/error.h"
+#include "server/machine_memory.h"
 
 namespace spherule::server {
 
@@ -46,7 +45,8 @@ const std::array settings = {
     Setting{"audit_log", "FILE", "who did what; empty: audit.log in the data folder", &Config::audit_log},
     Setting{"threads", "N", "threads for computing, all jobs together; 0: one a processor", &Config::threads, 0, 1024},
     Setting{"jobs_at_once", "N", "jobs that run side by side, sharing the threads", &Config::jobs_at_once, 1, 256},
-    Setting{"job_memory_bytes", "BYTES", "memory for running jobs, by estimate; 0: three quarters of the machine's",
+    Setting{"job_memory_bytes", "BYTES",
+            "memory for running jobs, by estimate; 0: three quarters of the machine's or container's",
             &Config::job_memory_bytes, 0, many},
     Setting{"queue_length", "N", "jobs that may wait", &Config::queue_length, 1, 1'000'000},
     Setting{"queue_per_client", "N", "jobs of one client that may wait", &Config::queue_per_client, 1, 1'000'000},
@@ -193,15 +193,6 @@ void read_file(Config& config, const std::string& path) {
     if (setting == nullptr) refuse(source + " is not a setting of this server");
     set(config, *setting, source, text_of(value, source));
   }
-}
-
-/// What the machine, or the container that the process is in, has.
-std::uint64_t memory_there_is() {
-  struct sysinfo info {};
-  std::uint64_t bytes = ::sysinfo(&info) == 0 ? std::uint64_t{info.totalram} * info.mem_unit : std::uint64_t{1} << 32;
-  std::uint64_t limit = 0;
-  if (std::ifstream("/sys/fs/cgroup/memory.max") >> limit && limit > 0) bytes = std::min(bytes, limit);
-  return bytes;
 }
 
 void validate(Config& config) {

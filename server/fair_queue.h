@@ -24,6 +24,19 @@ class FairQueue {
     ++size_;
   }
 
+  /// For an item that gives its turn back: it comes before all others.
+  void push_front(const std::string& client, T item) {
+    const auto found = std::ranges::find(lines_, client, &Line::client);
+    Line line{client, {}};
+    if (found != lines_.end()) {
+      line = std::move(*found);
+      lines_.erase(found);
+    }
+    line.items.push_front(std::move(item));
+    lines_.push_front(std::move(line));
+    ++size_;
+  }
+
   /// Whose turn it is. Not when empty. Pushing does not change it.
   const T& front() const { return lines_.front().items.front(); }
 

@@ -9,6 +9,7 @@
 #include <condition_variable>
 #include <deque>
 #include <exception>
+#include <list>
 #include <mutex>
 #include <new>
 #include <set>
@@ -49,6 +50,8 @@ struct Job {
   double announced_progress = 0;
   std::vector<JobEvent> events;   // bounded: states, warnings, and at most one of progress
   std::set<std::string> pollers;  // clients that are counted already
+  std::uint64_t holds = 0;        // of memory, while it runs
+  bool again = false;             // it gives its turn back, until there is more memory
 
   explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)), pollers{record.client} {}
 
@@ -62,6 +65,19 @@ struct Job {
     events.push_back({last_number, type, record.state, record.stage, record.progress, std::move(warning)});
   }
 };
+
+/// Memory that is given out. Not thread safe.
+struct Budget {
+  std::uint64_t bytes;
+  std::uint64_t taken = 0;          // may be more, by one that was let in because nobody had anything
+  std::list<std::uint64_t> line{};  // who waits for it within a request, first come first
+
+  std::uint64_t free() const { return bytes - std::min(taken, bytes); }
+  bool fits(std::uint64_t wanted) const { return taken == 0 || wanted <= free(); }
+};
+
+// Work within a request that is small, as a part of the jobs' memory, and what all such work has together.
+constexpr std::uint64_t kSmallPart = 64, kSmallTogetherPart = 16;
 
 /// Of a job that is not in memory.
 JobStatus status_of(JobRecord record) {
@@ -84,16 +100,18 @@ struct JobPool::State {
   const FaultLog log;
   const EndLog ended_log;
 
-  std::mutex mutex;
-  std::condition_variable work;     // a job was queued, memory became free, or the pool stops
-  std::condition_variable changed;  // an event, or the pool stops
+  mutable std::mutex mutex;
+  std::condition_variable work;      // a job was queued, memory became free, or the pool stops
+  std::condition_variable changed;   // an event, or the pool stops
+  std::condition_variable_any room;  // memory became free, or the pool stops
   FairQueue<JobPtr> queue;
   std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
   std::unordered_map<std::string, JobPtr> by_result;  // those that a request for the same result may join
   std::deque<std::string> finished;                   // oldest first
   std::unordered_map<std::string, JobPtr> arriving;   // by id: the catalogue is just storing them
   std::size_t running = 0;
-  std::uint64_t memory = 0;  // of those that run, as estimated
+  Budget memory{options.memory_bytes};  // of those that run and of large work within requests, as estimated
+  Budget small{options.memory_bytes / kSmallTogetherPart};
   std::map<std::pair<std::string, JobState>, std::uint64_t> ended_so_far;
   bool stopping = false;
   std::vector<std::jthread> workers;
@@ -138,9 +156,17 @@ struct JobPool::State {
   }
 
   bool may_start_next() const {
-    return !queue.empty() && (running == 0 || queue.front()->record.memory_bytes <=
-                                                  options.memory_bytes - std::min(memory, options.memory_bytes));
+    return !queue.empty() && memory.line.empty() && memory.fits(queue.front()->record.memory_bytes);
   }
+
+  void give_back(Budget& budget, std::uint64_t bytes) {
+    budget.taken -= bytes;
+    work.notify_all();
+    room.notify_all();
+  }
+
+  /// See JobContext::expect_memory.
+  void revise(Job& job, std::uint64_t bytes);
 
   /// A newer job for the same result keeps its entry: one may be cancelling while the next is queued.
   void no_longer_joinable(const Job& job) {
@@ -198,6 +224,9 @@ struct JobPool::State {
         // Nobody owns it, so the next start removes it.
       }
   }
+
+  /// Queues a job again that could not finish: with its turn, when that is what it gave back; else for the next start.
+  void put_back(const JobPtr& job);
 
   void take_up_unfinished();
   void work_on();
@@ -314,11 +343,39 @@ void JobPool::State::work_on() {
       }
       job->record = std::move(record);
       ++running;
-      memory += job->record.memory_bytes;
+      job->holds = job->record.memory_bytes;
+      memory.taken += job->holds;
       announce(*job, JobEvent::Type::state);
     }
     run(job);
   }
+}
+
+void JobPool::State::revise(Job& job, std::uint64_t bytes) {
+  if (bytes > options.memory_bytes) throw too_much(bytes, options.memory_bytes);
+  const std::lock_guard lock(mutex);
+  job.record.memory_bytes = bytes;
+  if (bytes > job.holds && bytes - job.holds > memory.free() && memory.taken > job.holds) {
+    job.again = true;
+    throw Error(ErrorCode::busy, "This work waits until there is more memory.");
+  }
+  memory.taken += bytes - job.holds;
+  job.holds = bytes;
+  give_back(memory, 0);
+}
+
+void JobPool::State::put_back(const JobPtr& job) {
+  JobRecord record = job->record;
+  record.state = JobState::queued;
+  try {
+    catalog.update_job(record);
+  } catch (const Error&) {
+    // The catalogue still says running: the next start runs it again all the same.
+  }
+  job->record = std::move(record);
+  if (!std::exchange(job->again, false)) return;
+  queue.push_front(job->record.client, job);
+  announce(*job, JobEvent::Type::state);
 }
 
 void JobPool::State::run(const JobPtr& job) {
@@ -330,13 +387,8 @@ void JobPool::State::run(const JobPtr& job) {
   std::optional<Resource> result;
   std::optional<JobError> error;
   try {
-    Running context(std::max(1U, options.threads_per_job), *job, mutex, changed, [&](std::uint64_t bytes) {
-      if (bytes > options.memory_bytes) throw too_much(bytes, options.memory_bytes);
-      const std::lock_guard lock(mutex);
-      memory += bytes - job->record.memory_bytes;
-      job->record.memory_bytes = bytes;
-      work.notify_all();
-    });
+    Running context(std::max(1U, options.threads_per_job), *job, mutex, changed,
+                    [&](std::uint64_t bytes) { revise(*job, bytes); });
     result = runner(record_at_start, context);
     SPHERULE_CHECK(result->id == record_at_start.result_id);
   } catch (const Error& thrown) {
@@ -356,8 +408,7 @@ void JobPool::State::run(const JobPtr& job) {
   {
     const std::lock_guard lock(mutex);
     --running;
-    memory -= job->record.memory_bytes;
-    work.notify_all();
+    give_back(memory, job->holds);
     if (job->record.state == JobState::cancelling) {
       // Even with a result in hand: the requester was told that it would not come.
       store_end(*job, ended(job->record, JobState::cancelled));
@@ -371,16 +422,9 @@ void JobPool::State::run(const JobPtr& job) {
         if (thrown.code() == ErrorCode::corrupt) unneeded.clear();
         store_end(*job, ended(job->record, JobState::failed, JobError{thrown.code(), thrown.what()}));
       }
-    } else if (stopping && job->stop.stop_requested()) {
+    } else if (job->again || (stopping && job->stop.stop_requested())) {
       // Whatever it threw: libraries report an interruption in ways of their own.
-      JobRecord record = job->record;
-      record.state = JobState::queued;
-      try {
-        catalog.update_job(record);
-      } catch (const Error&) {
-        // The catalogue still says running: the next start runs it again all the same.
-      }
-      job->record = std::move(record);
+      put_back(job);
     } else {
       store_end(*job, ended(job->record, JobState::failed, std::move(error)));
     }
@@ -541,6 +585,28 @@ JobStatus JobPool::cancel(const std::string& id, const std::string& client) {
   return s.status(*job);
 }
 
+JobPool::Memory JobPool::reserve(std::uint64_t bytes, std::chrono::milliseconds patience, const std::stop_token& stop) {
+  State& s = *state_;
+  if (bytes > s.options.memory_bytes) throw too_much(bytes, s.options.memory_bytes);
+  Budget& budget = bytes <= s.options.memory_bytes / kSmallPart ? s.small : s.memory;
+  std::unique_lock lock(s.mutex);
+  const auto place = budget.line.insert(budget.line.end(), bytes);
+  s.room.wait_for(lock, stop, patience,
+                  [&] { return s.stopping || (place == budget.line.begin() && budget.fits(bytes)); });
+  const bool granted = !s.stopping && place == budget.line.begin() && budget.fits(bytes);
+  if (granted) budget.taken += bytes;
+  budget.line.erase(place);
+  s.give_back(budget, 0);  // whoever is next in line may fit, too
+  if (!granted && stop.stop_requested())
+    throw Error(ErrorCode::cancelled, "The request was given up before there was memory for it.");
+  if (!granted && s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
+  if (!granted) throw Error(ErrorCode::busy, "The server's memory is taken by other work; try again in a while.");
+  return {nullptr, [&s, &budget, bytes](const void*) {
+            const std::lock_guard lock(s.mutex);
+            s.give_back(budget, bytes);
+          }};
+}
+
 void JobPool::stop(std::chrono::milliseconds grace) {
   State& s = *state_;
   std::vector<std::jthread> workers;
@@ -548,7 +614,7 @@ void JobPool::stop(std::chrono::milliseconds grace) {
   {
     std::unique_lock lock(s.mutex);
     s.stopping = true;
-    s.work.notify_all();
+    s.give_back(s.memory, 0);
     s.changed.notify_all();
     s.changed.wait_for(lock, grace, [&] { return s.running == 0; });
     for (const auto& [id, job] : s.jobs)
@@ -560,9 +626,14 @@ void JobPool::stop(std::chrono::milliseconds grace) {
 }
 
 JobPool::Load JobPool::load() const {
-  const std::lock_guard lock(state_->mutex);
-  return {state_->queue.size() + state_->arriving.size(), state_->running, state_->memory, state_->stopping,
-          state_->ended_so_far};
+  const State& s = *state_;
+  const std::lock_guard lock(s.mutex);
+  return {.queued = s.queue.size() + s.arriving.size(),
+          .running = s.running,
+          .memory_bytes = s.memory.taken + s.small.taken,
+          .reserving = s.memory.line.size() + s.small.line.size(),
+          .stopping = s.stopping,
+          .ended = s.ended_so_far};
 }
 
 }  // namespace spherule::server

@@ -67,8 +67,11 @@ class JobContext {
   /// One sentence for the requester; no line breaks. At most 100 are kept.
   virtual void warn(const std::string& sentence) = 0;
 
-  /// Corrects the job's estimate of its memory, now that more is known. The job goes on either way: others wait longer,
-  /// or start sooner. Throws unusable when it is more than all jobs together may have.
+  /// Corrects the job's estimate of its memory, now that more is known and before that much is taken. Less lets others
+  /// start sooner. More is granted while it fits beside what others have. Where it does not, this throws, and the
+  /// runner lets that pass: what the job holds is freed, and it is run again as the next of all, once there is room for
+  /// the new estimate. So nobody waits while holding memory, two that grow cannot wait for each other, and a job comes
+  /// back at most once for each larger estimate. Throws unusable when it is more than all jobs together may have.
   virtual void expect_memory(std::uint64_t bytes) = 0;
 
  protected:
@@ -88,8 +91,9 @@ using EndLog = std::function<void(const JobRecord& job)>;
 
 /// Thread safe. `catalog` and `blobs` outlive the pool.
 ///
-/// Order: clients take turns (FairQueue). Admission: a job starts when its estimate fits beside those of the jobs that
-/// run, or when none runs; the next in turn is waited for and never overtaken, so that large work is not starved.
+/// Order: clients take turns (FairQueue). Admission: a job starts when its estimate fits beside what the jobs that run
+/// and reserve() have, or when nobody has anything; the next in turn is waited for and never overtaken, so that large
+/// work is not starved.
 ///
 /// Durability: a job that submit() returned runs, or ends with a reason, whatever happens to the process; `succeeded`
 /// is seen only after the result is in the catalogue. Should the catalogue refuse to store an end (full disk), the job
@@ -131,13 +135,23 @@ class JobPool {
   /// conflict when it is over or its result is just being stored.
   JobStatus cancel(const std::string& id, const std::string& client = {});
 
+  /// Memory that work within a request holds, until the last copy goes, which must be before the pool.
+  using Memory = std::shared_ptr<const void>;
+
+  /// Takes memory beside the jobs' for work within a request: from the same budget, first come, first served, and
+  /// before jobs that have not started. What needs at most a 64th of the budget never waits behind the rest: for it
+  /// there is a 16th on top. Throws unusable, with the estimate, when it can never fit; busy when `patience` has passed
+  /// or the pool stops; cancelled on a stop request.
+  Memory reserve(std::uint64_t bytes, std::chrono::milliseconds patience, const std::stop_token& stop = {});
+
   /// Accepts nothing more, starts nothing more, lets running jobs finish for up to `grace`, then stops them and waits.
   /// Unfinished jobs stay queued in the catalogue for the next start. Wakes every wait() and events().
   void stop(std::chrono::milliseconds grace);
 
   struct Load {
     std::size_t queued = 0, running = 0;  ///< queued: with those that submit() is just storing
-    std::uint64_t memory_bytes = 0;       ///< of the running jobs, as estimated
+    std::uint64_t memory_bytes = 0;       ///< of the running jobs and of reserve(), as estimated
+    std::size_t reserving = 0;            ///< requests that wait in reserve()
     bool stopping = false;
     std::map<std::pair<std::string, JobState>, std::uint64_t> ended;  ///< by kind and end, since the pool was made
   };

@@ -39,6 +39,17 @@ TEST(FairQueue, PushingNeverChangesWhoIsNext) {
   EXPECT_EQ(queue.front(), "a2");
 }
 
+TEST(FairQueue, ATurnThatIsGivenBackIsTheNext) {
+  FairQueue<std::string> queue;
+  for (const char* item : {"a1", "a2", "b1", "b2"}) queue.push({item[0]}, item);
+  EXPECT_EQ(queue.pop(), "a1");
+  queue.push_front("a", "a1");
+  queue.push_front("c", "c1");
+  EXPECT_EQ(queue.size(), 5U);
+  EXPECT_EQ(queue.place_of("a1"), 1U);
+  EXPECT_EQ(drain(queue), "c1 a1 b1 a2 b2");
+}
+
 TEST(FairQueue, Erases) {
   FairQueue<std::string> queue;
   for (const char* item : {"a1", "b1", "a2"}) queue.push({item[0]}, item);
