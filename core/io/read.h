@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -20,6 +21,9 @@ struct ReadLimits {
   std::size_t max_voxels = std::size_t{1} << 31;         ///< samples in one volume
   std::size_t max_bytes = std::size_t{8} << 30;          ///< of decoded samples
   std::size_t max_header_bytes = std::size_t{16} << 20;  ///< of a header with its extensions
+  /// Called once the header has told how many bytes the samples will take, before any of that is taken. It may wait;
+  /// what it throws ends the reading. Called again when it turns out to be more (or a reader needs more beside them).
+  std::function<void(std::size_t bytes)> admit{};
 };
 
 /// Description of headerless samples (`?format=raw`).

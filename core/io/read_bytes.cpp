@@ -217,6 +217,7 @@ std::array<std::int32_t, 3> checked_dims(const std::array<std::int64_t, 3>& dims
     }
     count *= static_cast<std::uint64_t>(n);
   }
+  if (limits.admit) limits.admit(count * bytes_per_voxel(type));
   return {static_cast<std::int32_t>(dims[0]), static_cast<std::int32_t>(dims[1]), static_cast<std::int32_t>(dims[2])};
 }
 

@@ -66,8 +66,8 @@ struct SampleSource {
 /// Throws unusable when there are several and none is chosen; invalid_argument when there are fewer than the choice.
 std::int64_t chosen_frame(std::int64_t frames, const ReadOptions& options);
 
-/// Checks sizes before any memory is taken, and returns them as a Grid has them.
-/// Throws unusable for sizes below 1; too_large over the limits.
+/// Checks sizes before any memory is taken, asks limits.admit, and returns the sizes as a Grid has them.
+/// Throws unusable for sizes below 1; too_large over the limits; what admit throws.
 std::array<std::int32_t, 3> checked_dims(const std::array<std::int64_t, 3>& dims, VoxelType type,
                                          const ReadLimits& limits);
 

@@ -108,6 +108,33 @@ TEST(Read, ReportsProgressAndStopsWhenAsked) {
   }
 }
 
+// With the header alone: what is asked for is known before any sample is looked at.
+TEST(Read, AsksForTheMemoryOfTheSamplesFirst) {
+  const TempFolder folder;
+  const std::string nrrd = "NRRD0001\ntype: short\ndimension: 3\nsizes: 50 40 30\nencoding: raw\nendian: little\n\n";
+  const std::string meta =
+      "ObjectType = Image\nNDims = 3\nDimSize = 50 40 30\nElementType = MET_SHORT\n"
+      "ElementDataFile = LOCAL\n";
+  const RawLayout layout{.dims = {50, 40, 30}, .type = VoxelType::int16};
+  const std::vector<std::pair<std::string, ReadOptions>> files = {
+      {nrrd, {}}, {meta, {}}, {gzip(header({.dims = {50, 40, 30}, .datatype = 4})), {}}, {"x", {.raw = layout}}};
+  for (auto [bytes, options] : files) {
+    const auto file = folder.add("doe", bytes);
+    std::size_t asked = 0;
+    options.limits.admit = [&](std::size_t wanted) {
+      asked = wanted;
+      if (wanted == 2 * 50 * 40 * 30) throw Error(ErrorCode::busy, "no room");
+    };
+    try {
+      read_volume({file}, options);
+      ADD_FAILURE();
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::busy) << error.what();
+    }
+    EXPECT_EQ(asked, 2U * 50 * 40 * 30);
+  }
+}
+
 TEST(Read, ReadsFromSeveralThreadsAtOnce) {
   const TempFolder folder;
   const std::string good = "NRRD0001\ntype: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n";
