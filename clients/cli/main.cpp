@@ -8,12 +8,15 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
-#include <fstream>
-#include <iterator>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
 #include <new>
 #include <optional>
 #include <span>
 
+#include "clients/cli/files.h"
 #include "clients/cli/options.h"
 #include "clients/cli/report.h"
 #include "core/base/error.h"
@@ -45,31 +48,41 @@ double peak_memory_mib() {
   return static_cast<double>(usage.ru_maxrss) / 1024;
 }
 
-// A line that is written over; only where somebody watches.
+// A line that is written over; only where somebody watches. A stage may go over its work more than once: what is shown
+// of it never goes back, and once it is done it is not shown again.
 class ProgressLine {
  public:
+  /// For one run of each stage.
   Context context(unsigned threads) {
     Context context;
     context.threads = threads;
-    if (isatty(STDERR_FILENO) != 0)
-      context.progress = [this](std::string_view stage, double fraction) {
+    if (isatty(STDERR_FILENO) != 0) {
+      // Shared, since stages hand on copies of their context.
+      context.progress = [this, reached = std::make_shared<std::map<std::string, int, std::less<>>>()](
+                             std::string_view stage, double fraction) {
+        auto known = reached->find(stage);
+        if (known == reached->end()) known = reached->emplace(stage, -1).first;
         const int percent = static_cast<int>(100 * fraction);
-        if (percent >= 100) return clear();
-        if (percent == shown_ && stage == stage_) return;
-        shown_ = percent;
-        stage_ = stage;
-        std::fprintf(stderr, "\r\033[K%.*s %d %%", static_cast<int>(stage.size()), stage.data(), percent);
+        if (percent <= known->second) return;
+        known->second = percent;
+        show(stage, percent);
       };
+    }
     return context;
   }
   void clear() {
-    if (shown_ >= 0) std::fputs("\r\033[K", stderr);
-    shown_ = -1;
+    if (shown_) std::fputs("\r\033[K", stderr);
+    shown_ = false;
   }
 
  private:
-  std::string stage_;
-  int shown_ = -1;
+  void show(std::string_view stage, int percent) {
+    if (percent >= 100) return clear();
+    std::fprintf(stderr, "\r\033[K%.*s %d %%", static_cast<int>(stage.size()), stage.data(), percent);
+    shown_ = true;
+  }
+
+  bool shown_ = false;
 };
 
 using Table = std::string (*)(std::span<const Sphere>, std::span<const SphereColumn>);
@@ -92,30 +105,18 @@ std::optional<FileFormat> other_format(const std::filesystem::path& path) {
   return std::nullopt;
 }
 
-void write_file(const std::filesystem::path& path, const std::string& bytes) {
-  std::ofstream out(path, std::ios::binary | std::ios::trunc);
-  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  out.close();
-  if (!out) throw Error(ErrorCode::no_space, "The output file cannot be written; check its folder and the space left.");
-}
-
-bool holds_spheres(const Options& options) {
-  const auto ending = options.files.front().extension();
-  return options.files.size() == 1 && !options.read.raw && (ending == ".csv" || ending == ".npy");
-}
-
-std::vector<Sphere> read_spheres(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw Error(ErrorCode::not_found, "The file cannot be opened.");
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
-  return path.extension() == ".csv" ? spheres_from_csv(bytes) : spheres_from_npy(bytes);
+bool holds_spheres(const Options& options, const std::vector<std::filesystem::path>& files) {
+  const auto ending = files.front().extension();
+  return files.size() == 1 && !options.read.raw && (ending == ".csv" || ending == ".npy");
 }
 
 // A command at work: its options, what it prints, and how long each stage took.
 struct Run {
   const Options& options;
-  const Context& context;
+  const std::vector<std::filesystem::path>& files;
+  ProgressLine& line;
   Report& report;
+  const Context context = line.context(options.threads);
   std::vector<StageTime> timings{};
   std::optional<Grid> scan{};  // of the volume that was read
 
@@ -128,14 +129,13 @@ struct Run {
   }
 
   Volume read() {
-    Volume volume = timed("read", [&] { return read_volume(options.files, options.read, context); });
+    Volume volume = timed("read", [&] { return read_volume(with_data(files), options.read, context); });
     for (const std::string& warning : volume.warnings) report.row("warning", std::string_view(warning));
     scan = volume.grid;
     return volume;
   }
 
   ObjectRule rule(const Volume& volume) const {
-    if (!options.rule) throw UsageError("Say what the object is: --threshold T, --range LO,HI or --labels A,B,...");
     ObjectRule rule = *options.rule;
     rule.side = options.side.value_or(rule.kind == ObjectRule::Kind::threshold ? volume.natural_side : Side::above);
     return rule;
@@ -150,10 +150,9 @@ struct Run {
 
   // The model of a volume, or the spheres that the file holds.
   BuiltModel obtain() {
-    if (!holds_spheres(options)) return build(read());
-    if (options.rule) throw UsageError("A set of spheres has no threshold, range or labels.");
+    if (!holds_spheres(options, files)) return build(read());
     BuiltModel built;
-    built.model.spheres = timed("read", [&] { return read_spheres(options.files.front()); });
+    built.model.spheres = timed("read", [&] { return read_spheres(files.front()); });
     return built;
   }
 
@@ -242,10 +241,9 @@ struct Run {
   }
 
   void simplify() {
-    if (!options.method) throw UsageError("Say how to simplify: --method best,k=64; see spherule --help.");
     std::optional<Volume> volume;
     ObjectRule object;
-    if (!holds_spheres(options)) {
+    if (!holds_spheres(options, files)) {
       volume.emplace(read());
       object = rule(*volume);
     }
@@ -290,11 +288,8 @@ struct Run {
   }
 
   void register_pair() {
-    if (options.fixed.empty()) throw UsageError("Say what to lay it on: --fixed FILE.");
     const BuiltModel moving = obtain();
-    Options other = options;
-    other.files = options.fixed;
-    Run of_fixed{other, context, report};
+    Run of_fixed{options, options.fixed, line, report};
     const BuiltModel fixed = of_fixed.obtain();
     const Registration found = timed("register", [&] {
       return register_models(fixed.model, moving.model, {.transform = options.transform}, context);
@@ -324,7 +319,7 @@ struct Run {
     std::optional<Volume> volume;
     ObjectRule object;
     BuiltModel built;
-    if (holds_spheres(options)) {
+    if (holds_spheres(options, files)) {
       built = obtain();
     } else {
       volume.emplace(read());
@@ -441,7 +436,8 @@ struct Run {
   }
 };
 
-// Said before hours of work, not after.
+// All that follows is said before hours of work, not after.
+
 void check_output(const Options& options) {
   const bool picture = options.command == "render";
   if (options.out.empty()) {
@@ -460,6 +456,38 @@ void check_output(const Options& options) {
   } else {
     throw UsageError("The output file has no ending of a file of spheres; see spherule --help.");
   }
+  if (options.out.empty() && !options.file.empty()) throw UsageError("Say which file --file is for: -o FILE.");
+}
+
+// Whether each input says what it is, and no more.
+void check_inputs(const Options& options) {
+  const std::string& command = options.command;
+  const bool takes_spheres = command != "info" && command != "points" && command != "checks";
+  const bool spheres = takes_spheres && holds_spheres(options, options.files);
+  const bool fixed_spheres = options.fixed.empty() || holds_spheres(options, options.fixed);
+  if (command == "register" && options.fixed.empty()) throw UsageError("Say what to lay it on: --fixed FILE.");
+  if (!options.rule && command != "info" && !(spheres && fixed_spheres))
+    throw UsageError("Say what the object is: --threshold T, --range LO,HI or --labels A,B,...");
+  if (options.rule && spheres && fixed_spheres) throw UsageError("A set of spheres has no threshold, range or labels.");
+}
+
+void check(const Options& options) {
+  check_output(options);
+  check_inputs(options);
+  const bool spheres = holds_spheres(options, options.files);
+  if (options.command == "simplify") {
+    if (!options.method) throw UsageError("Say how to simplify: --method best,k=64; see spherule --help.");
+    // How many spheres there are is not known yet.
+    check_method(*options.method, std::numeric_limits<std::size_t>::max());
+  }
+  if (options.command == "register") check_registration_options({.transform = options.transform});
+  if (options.command == "render") check_render_options(options.render);
+  if (const auto format = other_format(options.out); format && table_format(options.out) == nullptr) {
+    check_exportable(*format, 1, !spheres, parse_file_options(*format, options.file));
+  }
+  check_readable(options.files);
+  check_readable(options.fixed);
+  if (!options.out.empty()) check_writable(options.out);
 }
 
 }  // namespace
@@ -479,10 +507,9 @@ int main(int argc, char** argv) {
       std::fputs(usage, stdout);
       return 0;
     }
-    check_output(options);
+    check(options);
     Report report(options.plain);
-    const spherule::Context context = line.context(options.threads);
-    Run{options, context, report}.go();
+    Run{options, options.files, line, report}.go();
     line.clear();
     return 0;
   } catch (const UsageError& error) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <string_view>
 #include <thread>
 
@@ -27,7 +28,7 @@ Commands
   render    a picture of the spheres (-o picture.png)
   export    the spheres as a file (-o FILE, see Files)
 
-FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; header and data files together), or for model, simplify,
+FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; a header's data may lie beside it), or for model, simplify,
 measures, render and export a set of spheres (.csv or .npy with x y z r in mm).
 
 The object
@@ -133,6 +134,8 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
       if (parts.size() != 2) throw UsageError("--range expects two numbers, LO,HI.");
       rule.lo = number<double>(parts[0], "--range");
       rule.hi = number<double>(parts[1], "--range");
+      if (!std::isfinite(rule.hi) || !(rule.lo <= rule.hi))
+        throw UsageError("--range expects two finite numbers, the smaller one first.");
       break;
     case ObjectRule::Kind::labels:
       for (const auto part : parts) rule.labels.push_back(number<std::int64_t>(part, "--labels"));
@@ -140,6 +143,7 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
       rule.labels.erase(std::unique(rule.labels.begin(), rule.labels.end()), rule.labels.end());
       break;
   }
+  if (!std::isfinite(rule.lo)) throw UsageError("--threshold and --range expect finite numbers.");
   return rule;
 }
 

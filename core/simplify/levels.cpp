@@ -10,8 +10,10 @@ void require_k(std::uint64_t k, std::size_t count, const std::string& field) {
     throw Error(ErrorCode::unusable, "The model has no spheres to simplify; choose a threshold that gives it some.");
   }
   if (k >= 1 && k <= count) return;
-  const std::string sentence = "Give " + field + " as a whole number within 1 and " + std::to_string(count) +
-                               ", the number of spheres that the model has.";
+  const std::string sentence =
+      "Give " + field + " as a whole number " +
+      (k < 1 ? "of at least 1."
+             : "within 1 and " + std::to_string(count) + ", the number of spheres that the model has.");
   throw Error(ErrorCode::invalid_argument, sentence, {{"/" + field, sentence}});
 }
 

@@ -2,6 +2,7 @@
 //
 // The developers' command, run as a process on a phantom that the test writes.
 #include <gtest/gtest.h>
+#include <pty.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -60,6 +61,26 @@ class Command : public testing::Test {
     std::istringstream lines(outcome.out);
     for (std::string key, value; lines >> key && std::getline(lines >> std::ws, value);) outcome.rows[key] = value;
     return outcome;
+  }
+  // The same with a terminal as standard error, whose text this gives.
+  std::string on_a_terminal(std::string words) const {
+    for (std::size_t i; (i = words.find("FOLDER/")) != std::string::npos;) words.replace(i, 7, folder_.string() + "/");
+    int terminal = -1;
+    const pid_t pid = forkpty(&terminal, nullptr, nullptr, nullptr);
+    if (pid == 0) {
+      execl("/bin/sh", "sh", "-c", ("exec " SPHERULE_COMMAND " " + words + " > /dev/null").c_str(), nullptr);
+      _exit(127);
+    }
+    std::string out;
+    std::array<char, 4096> buffer;
+    for (ssize_t n; (n = read(terminal, buffer.data(), buffer.size())) > 0;) {
+      out.append(buffer.data(), static_cast<std::size_t>(n));
+    }
+    close(terminal);
+    int status = -1;
+    waitpid(pid, &status, 0);
+    EXPECT_EQ(status, 0) << out;
+    return out;
   }
   std::string bytes(const char* name) const {
     std::ifstream in(folder_ / name, std::ios::binary);
@@ -191,6 +212,101 @@ TEST_F(Command, UnusableDataIsOneSentenceAndOne) {
     EXPECT_TRUE(o.out.starts_with("spherule: ") && o.out.ends_with(".\n")) << o.out;
     EXPECT_EQ(std::ranges::count(o.out, '\n'), 1) << o.out;
     EXPECT_EQ(o.out.find(folder_.string()), std::string::npos) << "a path is said: " << o.out;
+  }
+}
+
+TEST_F(Command, AFolderIsNoFile) {
+  fs::create_directories(folder_ / "spheres.csv");
+  fs::create_directories(folder_ / "scan.nii");
+  for (const char* words : {"model FOLDER/spheres.csv", "measures FOLDER/spheres.csv", "info FOLDER/scan.nii",
+                            "model --threshold 1 FOLDER/scan.nii", "info FOLDER/absent.nii"}) {
+    const Outcome o = run(words);
+    EXPECT_EQ(o.status, 1) << words << '\n' << o.out;
+    EXPECT_EQ(std::ranges::count(o.out, '\n'), 1) << o.out;
+    EXPECT_EQ(o.out.find("send"), std::string::npos) << "nothing is sent here: " << o.out;
+    EXPECT_EQ(o.out.find("defect"), std::string::npos) << o.out;
+  }
+}
+
+// What makes no sense, or cannot end well, is said before any work: here before the input is found to be no volume.
+TEST_F(Command, OptionsAreCheckedBeforeTheWork) {
+  std::ofstream(folder_ / "letter.nii") << "this is a letter, not a scan";
+  std::ofstream(folder_ / "few.csv") << "x,y,z,r\n0,0,0,1\n";
+  EXPECT_EQ(run("info FOLDER/letter.nii").status, 1);
+  for (const char* words : {"model FOLDER/letter.nii",
+                            "points FOLDER/letter.nii",
+                            "checks FOLDER/letter.nii",
+                            "simplify FOLDER/letter.nii",
+                            "simplify --threshold 1 FOLDER/letter.nii",
+                            "simplify --threshold 1 --method best,k=0 FOLDER/letter.nii",
+                            "simplify --threshold 1 --method best,iou=2 FOLDER/letter.nii",
+                            "simplify --threshold 1 --method sphericity,threshold=7 FOLDER/letter.nii",
+                            "model --range 2,1 FOLDER/letter.nii",
+                            "model --range 1,inf FOLDER/letter.nii",
+                            "model --threshold nan FOLDER/letter.nii",
+                            "model --threshold 1 FOLDER/few.csv",
+                            "model --threshold 1 --file density=2 FOLDER/letter.nii",
+                            "model --threshold 1 --file density=-2 -o FOLDER/a.urdf FOLDER/letter.nii",
+                            "model --threshold 1 --file detail=2 -o FOLDER/a.urdf FOLDER/letter.nii",
+                            "render --threshold 1 --size 0 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --samples 99 -o FOLDER/a.png FOLDER/letter.nii",
+                            "register --threshold 1 FOLDER/letter.nii",
+                            "register FOLDER/letter.nii --fixed FOLDER/few.csv",
+                            "register FOLDER/few.csv --fixed FOLDER/few.csv --threshold 1"}) {
+    const Outcome o = run(words);
+    EXPECT_EQ(o.status, 2) << words << '\n' << o.out;
+  }
+  for (const char* words : {"model --threshold 1 -o FOLDER/absent/a.csv FOLDER/letter.nii",
+                            "render --threshold 1 -o FOLDER/absent/a.png FOLDER/letter.nii",
+                            "model FOLDER/few.csv -o FOLDER/mask.nii.gz"}) {
+    const Outcome o = run(words);
+    EXPECT_EQ(o.status, 1) << words << '\n' << o.out;
+    EXPECT_TRUE(o.out.find("output file") != std::string::npos || o.out.find("grid") != std::string::npos) << o.out;
+  }
+}
+
+TEST_F(Command, FindsTheDataBesideAHeader) {
+  std::ofstream(folder_ / "ball.mhd") << "ObjectType = Image\nNDims = 3\nDimSize = 26 26 26\n"
+                                         "ElementType = MET_UCHAR\nElementDataFile = ball.raw\n";
+  std::ofstream(folder_ / "ball.nhdr") << "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 26 26 26\nencoding: raw\n"
+                                          "spacings: 1 1 1\ndata file: ball.raw\n";
+  for (const char* header : {"ball.mhd", "ball.nhdr"}) {
+    const Outcome o = run("info --plain FOLDER/" + std::string(header));
+    ASSERT_EQ(o.status, 0) << header << o.out;
+    EXPECT_EQ(o.rows.at("dims"), "26 26 26");
+    EXPECT_EQ(o.rows.at("max"), "191");
+  }
+}
+
+// Percentages of each stage as a terminal sees them: they rise, and none comes back.
+TEST_F(Command, ProgressNeverGoesBackOnATerminal) {
+  constexpr int n = 96;
+  std::ofstream out(folder_ / "large.raw", std::ios::binary);
+  std::string bytes;
+  for (int k = 0; k < n; ++k)
+    for (int j = 0; j < n; ++j)
+      for (int i = 0; i < n; ++i)
+        bytes += static_cast<char>(std::lround(std::max(0.0, 200 - 3 * std::hypot(i - 47.5, j - 47.5, k - 47.5))));
+  out << bytes;
+  out.close();
+  const std::string volume = " FOLDER/large.raw --raw 96,96,96,uint8";
+  for (const char* words : {"model --range 100,150", "model --threshold 100"}) {
+    std::istringstream text(on_a_terminal(words + volume));
+    std::map<std::string, int> reached;
+    std::string now;
+    for (std::string line; std::getline(text, line, '\r');) {
+      if (!line.ends_with(" %")) continue;
+      const std::size_t start = line.find('K'), space = line.rfind(' ', line.size() - 3);
+      const std::string stage = line.substr(start + 1, space - start - 1);
+      const int percent = std::stoi(line.substr(space + 1));
+      if (stage != now) {
+        EXPECT_FALSE(reached.contains(stage) && percent <= reached.at(stage)) << words << ": " << line;
+        now = stage;
+      }
+      EXPECT_GT(percent, reached.try_emplace(stage, -1).first->second) << words << ": " << line;
+      reached[stage] = percent;
+    }
+    EXPECT_FALSE(reached.empty()) << words;
   }
 }
 
