@@ -666,6 +666,9 @@ std::string path_of(const DerivedRequest& request) {
     return "/v1/volumes/" + slice->volume + "/slices/" + "ijk"[slice->axis] + "/" + std::to_string(slice->index) +
            query_of(*slice);
   }
+  if (const auto* values = std::get_if<ValuesRequest>(&request.what)) {
+    return "/v1/volumes/" + values->volume + "/histogram?buckets=" + std::to_string(values->buckets);
+  }
   std::string path = "/v1/models/" + request.model;
   struct Visitor {
     std::string operator()(const MeasuresRequest&) const { return "/measures"; }
@@ -689,7 +692,9 @@ std::string path_of(const DerivedRequest& request) {
       return "/exports/" + std::string(info(f.format).name) + query_of(f);
     }
     std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
-    std::string operator()(const SliceRequest&) const { return {}; }  // not of a model
+    // Not of a model.
+    std::string operator()(const SliceRequest&) const { return {}; }
+    std::string operator()(const ValuesRequest&) const { return {}; }
     std::string operator()(const TreeRequest& t) const {
       std::string path = "/tree";
       for (std::size_t i = 0; i < t.levels.size(); ++i) {

@@ -68,6 +68,9 @@ std::string record_of(const ModelInfo& model);
 ModelInfo model_from(std::string_view record);
 std::string record_of(const DerivedRequest& request);
 DerivedRequest derived_from(std::string_view record);
+/// Counts of a volume's values.
+std::string record_of(std::span<const std::uint64_t> counts);
+std::vector<std::uint64_t> counts_from(std::string_view record);
 std::string record_of(const ModelRequest& request);
 ModelRequest model_request_from(std::string_view record);
 std::string record_of(const SimplificationRequest& request);

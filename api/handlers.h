@@ -77,8 +77,14 @@ struct Wait {
   std::chrono::seconds granted;
   bool asked;  ///< by a Prefer header
 
-  /// Tells the caller what became of the Prefer header.
-  void state(Response& response) const;
+  /// Tells the caller what became of the Prefer header: nothing where the wait was not granted.
+  template <typename T>
+  void state(Response& response, const Outcome<T>& outcome) const {
+    const auto* job = std::get_if<JobInfo>(&outcome);
+    if (asked && (job == nullptr || job->awaited || granted.count() == 0)) {
+      response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
+    }
+  }
 };
 /// What the caller prefers, capped; the cap itself without a preference where `waits_unasked`, else 0.
 Wait agreed_wait(const Call& call, bool waits_unasked);

@@ -43,6 +43,7 @@ struct Request {
   std::string client{};  ///< who asks: the name of a key; empty when nobody needs one
   std::string id{};      ///< of this request: the X-Request-Id and the `instance` of problems
   Body* body = nullptr;  ///< not owned; null means no body
+  Gone gone{};           ///< whether the client has closed its connection
 
   /// The first header of this name (in any case), or an empty string.
   std::string_view header(std::string_view name) const;

@@ -3,6 +3,7 @@
 
 #include "api/documents.h"
 #include "api/handlers.h"
+#include "api/problem.h"
 #include "api/requests.h"
 
 namespace spherule::api {
@@ -33,7 +34,11 @@ Response get_job(const Call& call) {
 
 Response cancel_job(const Call& call) {
   const Query query(call.request, {});
-  return json_response(call, job_document(call.service.cancel_job(call.id())), 202);
+  const std::optional<JobInfo> job = call.service.cancel_job(call.id());
+  if (!job) {
+    throw HttpError(403, "Only who asked for this job may cancel it: use their key, or one with the scope admin.");
+  }
+  return json_response(call, job_document(*job), 202);
 }
 
 Response get_job_events(const Call& call) {
@@ -66,7 +71,8 @@ Response get_job_events(const Call& call) {
     const JobEvents events = service.job_events(id, last, std::chrono::seconds(15));
     if (events.events.empty()) out += ":\n\n";
     append(out, last, events);
-    return !events.over;
+    // Who goes on listening connects again, and by then to a server that is back.
+    return !events.over && !events.stopping;
   });
   return response;
 }

@@ -78,10 +78,6 @@ std::string export_names() {
 
 }  // namespace
 
-void Wait::state(Response& response) const {
-  if (asked) response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
-}
-
 Wait agreed_wait(const Call& call, bool waits_unasked) {
   const std::chrono::seconds cap = call.service.limits().longest_wait;
   const auto preferred = preferred_wait(call.request);
@@ -99,7 +95,7 @@ Response accepted(const JobInfo& job) {
 Response model_response(const Call& call, const Outcome<StoredModel>& outcome, const Wait& wait) {
   const auto* model = std::get_if<StoredModel>(&outcome);
   Response response = model != nullptr ? stored(call, *model) : accepted(std::get<JobInfo>(outcome));
-  wait.state(response);
+  wait.state(response, outcome);
   return response;
 }
 
@@ -117,7 +113,7 @@ Response derived(const Call& call, const DerivedRequest& request, std::string_vi
   auto* content = std::get_if<Content>(&outcome);
   Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
                                          : accepted(std::get<JobInfo>(outcome));
-  wait.state(response);
+  wait.state(response, outcome);
   return response;
 }
 
@@ -192,7 +188,7 @@ Response get_spheres(const Call& call) {
         call.service.derive({.model = call.id(), .what = ContributionsRequest{}, .level = level}, wait.granted);
     if (const auto* job = std::get_if<JobInfo>(&outcome)) {
       Response response = accepted(*job);
-      wait.state(response);
+      wait.state(response, outcome);
       return response;
     }
   }
@@ -230,7 +226,7 @@ Response get_measures(const Call& call) {
   } else {
     response = accepted(std::get<JobInfo>(outcome));
   }
-  wait.state(response);
+  wait.state(response, outcome);
   return response;
 }
 

@@ -123,6 +123,9 @@ Json to_json(const DerivedRequest& request) {
     if (slice->object) json["object"] = to_json(ModelRequest{slice->volume, *slice->object});
     for (const auto& [name, text] : slice_option_texts(slice->options)) json["options"][name] = text;
   }
+  if (const auto* values = std::get_if<ValuesRequest>(&request.what)) {
+    json = {{"what", "histogram"}, {"volume", values->volume}, {"buckets", values->buckets}};
+  }
   if (const auto* file = std::get_if<FileRequest>(&request.what)) {
     json["what"] = "file";
     json["edition"] = kFileEdition;
@@ -321,6 +324,9 @@ DerivedRequest derived_from(std::string_view record) {
   return read_stored(record, [](const Json& json) {
     const std::string what = json.at("what");
     if (what == "slice") return DerivedRequest{.model = {}, .what = slice_from(json)};
+    if (what == "histogram") {
+      return DerivedRequest{.model = {}, .what = ValuesRequest{json.at("volume"), json.at("buckets")}};
+    }
     DerivedRequest request{.model = json.at("model"), .what = {}, .level = json.value("level", 0U)};
     if (what == "measures") {
       request.what = MeasuresRequest{};
@@ -352,6 +358,12 @@ DerivedRequest derived_from(std::string_view record) {
     }
     return request;
   });
+}
+
+std::string record_of(std::span<const std::uint64_t> counts) { return Json(counts).dump(); }
+
+std::vector<std::uint64_t> counts_from(std::string_view record) {
+  return read_stored(record, [](const Json& json) { return json.get<std::vector<std::uint64_t>>(); });
 }
 
 std::string record_of(const ModelRequest& request) { return to_json(request).dump(); }

@@ -21,7 +21,7 @@ Response answered(const Call& call, const RegistrationAnswerRequest& request, st
   auto* content = std::get_if<Content>(&outcome);
   Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
                                          : accepted(std::get<JobInfo>(outcome));
-  wait.state(response);
+  wait.state(response, outcome);
   return response;
 }
 
@@ -47,7 +47,7 @@ Response post_registration(const Call& call) {
   } else {
     response = accepted(std::get<JobInfo>(outcome));
   }
-  wait.state(response);
+  wait.state(response, outcome);
   return response;
 }
 

@@ -106,6 +106,9 @@ struct StoredVolume {
   bool already_stored = false;
 };
 
+/// Whether nobody waits for an answer any more; asked now and then, from any thread. May be empty.
+using Gone = std::function<bool()>;
+
 // ----------------------------------------------------------------------------------------------------------- models
 
 /// Which object of which volume. `rule.side` is natural_side when the user named none.
@@ -241,10 +244,15 @@ struct SliceRequest {
   FigureFormat format = FigureFormat::png;
   SliceOptions options{};  ///< of a picture
 };
+/// Counts of a volume's values: not sent as they are, but as a document or a plot.
+struct ValuesRequest {
+  std::string volume;
+  std::size_t buckets = 256;
+};
 struct DerivedRequest {
-  std::string model;  ///< empty for a slice, which is of a volume
+  std::string model;  ///< empty for what is of a volume
   std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, SliceRequest,
-               TreeRequest, FileRequest>
+               TreeRequest, FileRequest, ValuesRequest>
       what;
   std::uint32_t level = 0;  ///< of a simplified model, in place of its last; 0: that one
 };
@@ -289,7 +297,7 @@ constexpr bool is_over(JobState s) { return s >= JobState::succeeded; }
 struct JobInfo {
   std::string id;
   /// "model", "simplification", "registration", "registration_answer", "measures", "checks", "render", "export",
-  /// "contributions", "slice", "tree"
+  /// "contributions", "slice", "tree", "histogram"
   std::string kind;
   JobState state = JobState::queued;
   std::string stage;                          ///< of the work: "read", "boundary" …; empty before it runs
@@ -302,6 +310,7 @@ struct JobInfo {
   std::optional<Error> error;  ///< of a failed job; a failed job without one met a defect of the server
   double elapsed_s = 0;        ///< of the run, so far or until its end
   std::string result;          ///< path of the finished result; empty before
+  bool awaited = false;        ///< whether the request that gives it has waited for it as long as it was to
 };
 
 /// Something that happened to a job. Numbers ascend, also over restarts, but may have gaps.
@@ -316,7 +325,8 @@ struct JobEvent {
 };
 struct JobEvents {
   std::vector<JobEvent> events;
-  bool over = false;  ///< nothing will follow
+  bool over = false;      ///< nothing will follow
+  bool stopping = false;  ///< the server stops: more follows once it is back
 };
 
 /// A result, or the job that will make it.
@@ -378,15 +388,17 @@ class Service {
   /// Begins an upload of `announced` bytes (0: unknown). Throws no_space when they cannot fit, busy.
   virtual std::unique_ptr<Upload> start_upload(std::uint64_t announced) = 0;
   /// Reads the uploaded files as a volume and keeps them: on the disk before this returns. Throws what read_volume
-  /// throws, and invalid_argument without any file.
-  virtual StoredVolume store_volume(std::unique_ptr<Upload> upload, const VolumeParameters& parameters) = 0;
+  /// throws, invalid_argument without any file, cancelled when the sender is gone, and busy when the server stops.
+  virtual StoredVolume store_volume(std::unique_ptr<Upload> upload, const VolumeParameters& parameters,
+                                    const Gone& gone) = 0;
   virtual Page<VolumeInfo> volumes(const PageRequest& page) = 0;
   virtual VolumeInfo volume(const std::string& id) = 0;
   /// The bytes of file number `index` as they came. Throws not_found for an index past the last.
   virtual Content volume_content(const std::string& id, std::size_t index) = 0;
-  /// Counts in equal intervals of the volume's range.
-  virtual std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) = 0;
-  /// Deletes the volume with all that was made from it.
+  /// Counts in equal intervals of the volume's range. Like derive: counted once and kept.
+  virtual Outcome<std::vector<std::uint64_t>> value_histogram(const std::string& id, std::size_t buckets,
+                                                              Seconds wait) = 0;
+  /// Deletes the volume with all that was made from it, and ends the jobs that work on any of these.
   virtual void delete_volume(const std::string& id) = 0;
 
   /// The model of this request: at once when it exists, else a job is started (or the one that runs already is joined)
@@ -399,7 +411,7 @@ class Service {
   virtual StoredModel import_model(std::unique_ptr<Upload> upload, SphereFormat format) = 0;
   virtual Page<ModelInfo> models(const PageRequest& page) = 0;
   virtual ModelInfo model(const std::string& id) = 0;
-  /// Deletes the model with all that was made from it.
+  /// Deletes the model with all that was made from it, and ends the jobs that work on any of these.
   virtual void delete_model(const std::string& id) = 0;
   /// Rows of a listing, of a level as in DerivedRequest; `members` of each row too where wanted. Throws not_found when
   /// it needs contributions and derive() has not made them, unusable when only simplified models have what it needs.
@@ -415,16 +427,18 @@ class Service {
   virtual Outcome<StoredRegistration> register_pair(const RegistrationRequest& request, Seconds wait) = 0;
   virtual Page<RegistrationInfo> registrations(const PageRequest& page) = 0;
   virtual RegistrationInfo registration(const std::string& id) = 0;
+  /// Likewise.
   virtual void delete_registration(const std::string& id) = 0;
   /// Like derive, from a registration. Throws unusable for volumes where a model was not made from one.
   virtual Outcome<Content> derive_from(const RegistrationAnswerRequest& request, Seconds wait) = 0;
 
   virtual Page<JobInfo> jobs(const PageRequest& page) = 0;
   virtual JobInfo job(const std::string& id) = 0;
-  /// Events after number `after`, as soon as there are any; none when `wait` passes first.
+  /// Events after number `after`, as soon as there are any; none when `wait` passes first or the server stops.
   virtual JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) = 0;
-  /// Throws conflict when the job is over.
-  virtual JobInfo cancel_job(const std::string& id) = 0;
+  /// Takes the caller's request for the job back; the last one stops the work. Who may do everything stops it for all,
+  /// once it is none of the requesters. Nothing when the caller may not. Throws conflict when the job is over.
+  virtual std::optional<JobInfo> cancel_job(const std::string& id) = 0;
 
   using TakeBytes = std::function<void(std::string_view piece)>;
   /// Begins an upload in pieces. Throws too_large, busy, no_space.

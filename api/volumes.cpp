@@ -23,7 +23,7 @@ StoredVolume store_uploads(const Call& call, const std::vector<std::string>& ids
     upload->begin_file(call.service.upload(id).filename);
     call.service.read_upload(id, [&](std::string_view piece) { upload->write(piece); });
   }
-  StoredVolume stored = call.service.store_volume(std::move(upload), parameters);
+  StoredVolume stored = call.service.store_volume(std::move(upload), parameters, call.request.gone);
   // What could not be read stays, to be tried with other parameters.
   for (const std::string& id : ids) call.service.delete_upload(id);
   return stored;
@@ -63,7 +63,7 @@ Response post_volume(const Call& call) {
     upload->begin_file({});
     body->read(limit, take);
   }
-  return answer(call.service.store_volume(std::move(upload), parameters));
+  return answer(call.service.store_volume(std::move(upload), parameters, call.request.gone));
 }
 
 Response get_volume(const Call& call) {
@@ -101,13 +101,21 @@ Response get_volume_histogram(const Call& call) {
   const double values = (volume.range.max - volume.range.min) / std::abs(volume.slope) + 1;
   const bool whole = volume.type < VoxelType::float32 && values <= 512 && format != FigureFormat::json;
   const auto buckets = static_cast<std::size_t>(wanted.value_or(whole ? std::llround(values) : 256));
-  const std::vector<std::uint64_t> counts = call.service.value_histogram(call.id(), buckets);
-  if (format == FigureFormat::json) return json_response(call, value_histogram_document(volume, counts));
-  const Vec3 step = volume.grid.spacing;
-  Plot plot = kind == "sizes" ? plot_of_thresholds(volume.range, counts, step.x * step.y * step.z)
-                              : plot_of_values(volume.range, counts);
-  if (mark) plot.marks.push_back({mark->front()});
-  return plotted(plot, format, size);
+  const auto plot = [&](const std::vector<std::uint64_t>& counts) {
+    const Vec3 step = volume.grid.spacing;
+    Plot drawn = kind == "sizes" ? plot_of_thresholds(volume.range, counts, step.x * step.y * step.z)
+                                 : plot_of_values(volume.range, counts);
+    if (mark) drawn.marks.push_back({mark->front()});
+    return drawn;
+  };
+  const Wait wait = agreed_wait(call, true);
+  const auto outcome = call.service.value_histogram(call.id(), buckets, wait.granted);
+  const auto* counts = std::get_if<std::vector<std::uint64_t>>(&outcome);
+  Response response = counts == nullptr              ? accepted(std::get<JobInfo>(outcome))
+                      : format == FigureFormat::json ? json_response(call, value_histogram_document(volume, *counts))
+                                                     : plotted(plot(*counts), format, size);
+  wait.state(response, outcome);
+  return response;
 }
 
 }  // namespace spherule::api

@@ -118,8 +118,8 @@ std::string pictures(Store& store, const Resource& resource, std::uint32_t level
   return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
 }
 
-std::string tree(Store& store, const Resource& resource, const api::TreeRequest& wanted) {
-  const auto levels = store.load_levels(resource);
+std::string tree(Store& store, const Resource& resource, const api::TreeRequest& wanted, const Context& context) {
+  const auto levels = store.load_levels(resource, context);
   std::vector<std::uint32_t> numbers = wanted.levels;
   if (numbers.empty()) {
     for (std::uint64_t k = 1; k < levels->last_level(); k *= 8) numbers.push_back(static_cast<std::uint32_t>(k));
@@ -171,6 +171,13 @@ Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
   if (const auto* wanted = std::get_if<api::SliceRequest>(&request.what)) {
     return kept(store, record, {wanted->volume}, slice(store, store.find_volume(wanted->volume), *wanted, job), job);
   }
+  if (const auto* wanted = std::get_if<api::ValuesRequest>(&request.what)) {
+    const Resource volume = store.find_volume(wanted->volume);
+    const auto counts =
+        value_histogram(store.stored_volume(volume, job.context(0, 0.6)), api::volume_from(volume.document).range,
+                        wanted->buckets, job.context(0.6, 0.95));
+    return kept(store, record, {wanted->volume}, api::record_of(counts), job);
+  }
   const Resource resource = store.find_model(request.model);
   Context context = job.context(0, 0.1);
   context.report("load", 0);
@@ -191,7 +198,8 @@ Resource run_answer(Store& store, const JobRecord& record, JobContext& job) {
   if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) {
     bytes = exported(store, resource, request.level, *model, *wanted, context);
   }
-  if (const auto* wanted = std::get_if<api::TreeRequest>(&request.what)) bytes = tree(store, resource, *wanted);
+  if (const auto* wanted = std::get_if<api::TreeRequest>(&request.what))
+    bytes = tree(store, resource, *wanted, context);
   if (const auto* wanted = std::get_if<api::FileRequest>(&request.what)) {
     bytes = file(store, resource, request.level, *model, *wanted, context);
   }

@@ -3,6 +3,7 @@
 // Values that are slow to load, kept in memory up to a budget of bytes; the least recently used go first.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <future>
@@ -12,6 +13,8 @@
 #include <string>
 #include <unordered_map>
 #include <utility>
+
+#include "core/base/context.h"
 
 namespace spherule::server {
 
@@ -35,9 +38,10 @@ class Cache {
 
   /// The value of `key`, from memory or from `load()` -> Loaded. Of several threads that miss the same key, one loads
   /// (outside the lock) and all get its value, or its exception, in which case nothing is kept. A value larger than
-  /// the whole budget is returned but not kept. `load` must not ask this cache for the same key.
+  /// the whole budget is returned but not kept. `load` must not ask this cache for the same key. Who waits for another
+  /// thread's load hears `context`'s cancellation, and loads itself when it was the other one that was cancelled.
   template <typename Load>
-  std::shared_ptr<const T> get_or_load(const std::string& key, Load&& load);
+  std::shared_ptr<const T> get_or_load(const std::string& key, Load&& load, const Context& context = {});
 
   /// Forgets the key; a load under way is delivered but not kept.
   void erase(const std::string& key);
@@ -57,6 +61,7 @@ class Cache {
   };
 
   void keep(const std::string& key, Loaded loaded);
+  static Value await(const std::shared_future<Value>& result, const Context& context);
 
   const std::size_t budget_;
   mutable std::mutex mutex_;
@@ -67,10 +72,22 @@ class Cache {
 };
 
 template <typename T>
+std::shared_ptr<const T> Cache<T>::await(const std::shared_future<Value>& result, const Context& context) {
+  constexpr std::chrono::milliseconds look{20};
+  while (result.wait_for(look) != std::future_status::ready) context.throw_if_cancelled();
+  try {
+    return result.get();
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::cancelled) throw;
+    return nullptr;
+  }
+}
+
+template <typename T>
 template <typename Load>
-std::shared_ptr<const T> Cache<T>::get_or_load(const std::string& key, Load&& load) {
+std::shared_ptr<const T> Cache<T>::get_or_load(const std::string& key, Load&& load, const Context& context) {
   std::shared_ptr<Flight> flight;
-  {
+  while (flight == nullptr) {
     std::unique_lock lock(mutex_);
     if (const auto found = index_.find(key); found != index_.end()) {
       ++stats_.hits;
@@ -81,7 +98,8 @@ std::shared_ptr<const T> Cache<T>::get_or_load(const std::string& key, Load&& lo
       ++stats_.hits;
       const std::shared_future<Value> result = under_way->second->result;
       lock.unlock();
-      return result.get();
+      if (Value value = await(result, context)) return value;
+      continue;  // whoever loaded was cancelled
     }
     ++stats_.misses;
     flight = flights_[key] = std::make_shared<Flight>();

@@ -64,6 +64,14 @@ UPDATE resources SET used = created;
 CREATE INDEX resources_by_use ON resources (collection, used);
 ALTER TABLE jobs ADD COLUMN client TEXT NOT NULL DEFAULT '';
 ALTER TABLE jobs ADD COLUMN memory INTEGER NOT NULL DEFAULT 0;
+)sql",
+    // Of those who joined a job, only the number was known.
+    R"sql(
+CREATE TABLE requesters (
+  job INTEGER NOT NULL REFERENCES jobs (seq) ON DELETE CASCADE, client TEXT NOT NULL,
+  PRIMARY KEY (job, client)) STRICT, WITHOUT ROWID;
+INSERT INTO requesters SELECT seq, client FROM jobs WHERE requesters > 0;
+ALTER TABLE jobs DROP COLUMN requesters;
 )sql"};
 
 constexpr std::array<std::pair<JobState, std::string_view>, 6> state_names = {{{JobState::queued, "queued"},
@@ -172,8 +180,8 @@ bool insert_resource(Connection& database, const Resource& resource) {
 }
 
 constexpr std::string_view job_columns =
-    "seq, id, kind, result_id, request, state, stage, progress, requesters, attempts, crashes, created, started,"
-    " finished, error_code, error_sentence, client, memory";
+    "seq, id, kind, result_id, request, state, stage, progress, attempts, crashes, created, started, finished,"
+    " error_code, error_sentence, client, memory";
 
 JobRecord read_job(Connection& database, const Statement& row) {
   JobRecord job;
@@ -184,19 +192,20 @@ JobRecord read_job(Connection& database, const Statement& row) {
   job.state = value_of(state_names, row.text(5));
   job.stage = row.text(6);
   job.progress = row.real(7);
-  job.requesters = row.count(8);
-  job.attempts = row.count(9);
-  job.crashes = row.count(10);
-  job.created = row.time(11);
-  job.started = row.optional_time(12);
-  job.finished = row.optional_time(13);
-  if (!row.is_null(15)) {
+  job.attempts = row.count(8);
+  job.crashes = row.count(9);
+  job.created = row.time(10);
+  job.started = row.optional_time(11);
+  job.finished = row.optional_time(12);
+  if (!row.is_null(14)) {
     job.error.emplace();
-    if (!row.is_null(14)) job.error->code = value_of(code_names, row.text(14));
-    job.error->sentence = row.text(15);
+    if (!row.is_null(13)) job.error->code = value_of(code_names, row.text(13));
+    job.error->sentence = row.text(14);
   }
-  job.client = row.text(16);
-  job.memory_bytes = static_cast<std::uint64_t>(row.integer(17));
+  job.client = row.text(15);
+  job.memory_bytes = static_cast<std::uint64_t>(row.integer(16));
+  Statement requesters(database, "SELECT client FROM requesters WHERE job = ?", row.integer(0));
+  while (requesters.step()) job.requesters.insert(requesters.text(0));
   Statement warnings(database, "SELECT sentence FROM warnings WHERE job = ? ORDER BY position", row.integer(0));
   while (warnings.step()) job.warnings.push_back(warnings.text(0));
   return job;
@@ -207,13 +216,17 @@ void write_job(Connection& database, const JobRecord& job) {
   if (job.error) sentence = job.error->sentence;
   if (job.error && job.error->code) code = name_of(code_names, *job.error->code);
   Statement(database,
-            "UPDATE jobs SET state = ?, stage = ?, progress = ?, requesters = ?, attempts = ?, crashes = ?,"
-            " started = ?, finished = ?, error_code = ?, error_sentence = ?, memory = ? WHERE id = ?",
-            to_string(job.state), job.stage, job.progress, job.requesters, job.attempts, job.crashes, job.started,
-            job.finished, code, sentence, job.memory_bytes, job.id)
+            "UPDATE jobs SET state = ?, stage = ?, progress = ?, attempts = ?, crashes = ?, started = ?, finished = ?,"
+            " error_code = ?, error_sentence = ?, memory = ? WHERE id = ?",
+            to_string(job.state), job.stage, job.progress, job.attempts, job.crashes, job.started, job.finished, code,
+            sentence, job.memory_bytes, job.id)
       .step();
   SPHERULE_CHECK(database.changes() == 1);
-  // Rewritten whole: at most 100, a few times in a job's life.
+  // Rewritten whole: at most as many as clients and 100, a few times in a job's life.
+  Statement(database, "DELETE FROM requesters WHERE job = (SELECT seq FROM jobs WHERE id = ?)", job.id).step();
+  for (const std::string& client : job.requesters)
+    Statement(database, "INSERT INTO requesters (job, client) SELECT seq, ? FROM jobs WHERE id = ?", client, job.id)
+        .step();
   Statement(database, "DELETE FROM warnings WHERE job = (SELECT seq FROM jobs WHERE id = ?)", job.id).step();
   for (int i = 0; const std::string& sentence_of_warning : job.warnings)
     Statement(database, "INSERT INTO warnings (job, position, sentence) SELECT seq, ?, ? FROM jobs WHERE id = ?", i++,
@@ -224,8 +237,8 @@ void write_job(Connection& database, const JobRecord& job) {
 void insert_job(Connection& database, const JobRecord& job) {
   Statement(
       database,
-      "INSERT INTO jobs (id, kind, result_id, request, client, created, state, stage, progress, requesters, attempts,"
-      " crashes) VALUES (?, ?, ?, ?, ?, ?, '', '', 0, 0, 0, 0)",
+      "INSERT INTO jobs (id, kind, result_id, request, client, created, state, stage, progress, attempts, crashes)"
+      " VALUES (?, ?, ?, ?, ?, ?, '', '', 0, 0, 0)",
       job.id, job.kind, job.result_id, job.request, job.client, job.created)
       .step();
   write_job(database, job);

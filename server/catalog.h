@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -61,11 +62,11 @@ struct JobRecord {
   std::string client{};   ///< whose turn it takes: the name of a key
   std::uint64_t memory_bytes = 0;  ///< estimate of what it needs at its peak
   JobState state = JobState::queued;
-  std::string stage;        ///< what it is doing, in the runner's words; kept when it ends
-  double progress = 0;      ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
-  unsigned requesters = 1;  ///< who still want it
-  unsigned attempts = 1;    ///< how many servers took it up: 1 + restarts while it was not over
-  unsigned crashes = 0;     ///< how often the process died while it ran
+  std::string stage;                   ///< what it is doing, in the runner's words; kept when it ends
+  double progress = 0;                 ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
+  std::set<std::string> requesters{};  ///< clients that still want it
+  unsigned attempts = 1;               ///< how many servers took it up: 1 + restarts while it was not over
+  unsigned crashes = 0;                ///< how often the process died while it ran
   Time created{};
   std::optional<Time> started;   ///< of the last run
   std::optional<Time> finished;  ///< set when over

@@ -64,6 +64,7 @@ const std::array settings = {
     Setting{"max_boundary_points", "N", "most boundary points of a model", &Config::max_boundary_points, 1, many},
     Setting{"max_spheres", "N", "most spheres of an imported set", &Config::max_spheres, 1, many},
     Setting{"max_image_pixels", "N", "most pixels of a picture", &Config::max_image_pixels, 1, many},
+    Setting{"max_job_s", "N", "seconds that one job may run; then it has failed", &Config::max_job_s, 1, 31'536'000},
     Setting{"max_wait_s", "N", "seconds that a request may wait for its job", &Config::max_wait_s, 0, 86400},
     Setting{"max_streams", "N", "event streams at once", &Config::max_streams, 0, 100'000},
     Setting{"cors_origins", "ORIGIN,...", "whose pages may read answers; *: all", &Config::cors_origins},

@@ -46,6 +46,7 @@ struct Config {
   std::uint64_t max_boundary_points = 50'000'000;                 ///< of a model
   std::uint64_t max_spheres = 10'000'000;                         ///< of a set that a user brings
   std::uint64_t max_image_pixels = std::uint64_t{1} << 24;        ///< width x height of a picture
+  std::uint64_t max_job_s = 3600;                                 ///< that one job may run; then it fails
   std::uint64_t max_wait_s = 60;                                  ///< cap of `Prefer: wait=N`
   std::uint64_t max_streams = 32;                                 ///< event streams at once
   std::string cors_origins;                                       ///< whose pages may read answers, commas between

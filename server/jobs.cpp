@@ -31,6 +31,7 @@ constexpr std::size_t max_warnings = 100;
 constexpr std::size_t kept_finished_jobs = 256;  // with their events; older ones are read from the catalogue
 constexpr double progress_event_step = 0.01;
 constexpr double least_progress_to_judge_by = 0.02;
+constexpr std::chrono::milliseconds hearing{800};  // that runners have for coming back once they are stopped
 
 // Event numbers: the attempt in the high bits, so that they ascend over restarts without being stored.
 std::uint64_t first_event(const JobRecord& job) { return std::uint64_t{job.attempts} << 32; }
@@ -40,6 +41,14 @@ JobError fault() { return {{}, "The server failed at this work because of a faul
 
 Error not_found() { return {ErrorCode::not_found, "There is no job under this id."}; }
 
+// Logs what can be logged: a log that fails must not change what it tells of.
+void tell(const auto& write) {
+  try {
+    write();
+  } catch (...) {  // there is nobody else to tell
+  }
+}
+
 double seconds(auto duration) { return std::chrono::duration<double>(duration).count(); }
 
 struct Job {
@@ -48,12 +57,12 @@ struct Job {
   std::stop_source stop;
   std::uint64_t last_number;
   double announced_progress = 0;
-  std::vector<JobEvent> events;   // bounded: states, warnings, and at most one of progress
-  std::set<std::string> pollers;  // clients that are counted already
-  std::uint64_t holds = 0;        // of memory, while it runs
-  bool again = false;             // it gives its turn back, until there is more memory
+  std::vector<JobEvent> events;     // bounded: states, warnings, and at most one of progress
+  std::optional<JobError> verdict;  // why it was stopped, where that was not the requesters' wish
+  std::uint64_t holds = 0;          // of memory, while it runs
+  bool again = false;               // it gives its turn back, until there is more memory
 
-  explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)), pollers{record.client} {}
+  explicit Job(JobRecord r) : record(std::move(r)), last_number(first_event(record)) {}
 
   void announce(JobEvent::Type type, std::string warning = {}) {
     if (type == JobEvent::Type::progress) {
@@ -103,6 +112,7 @@ struct JobPool::State {
   mutable std::mutex mutex;
   std::condition_variable work;      // a job was queued, memory became free, or the pool stops
   std::condition_variable changed;   // an event, or the pool stops
+  std::condition_variable begun;     // a job started to run, or the pool stops
   std::condition_variable_any room;  // memory became free, or the pool stops
   FairQueue<JobPtr> queue;
   std::unordered_map<std::string, JobPtr> jobs;       // unfinished and some finished ones
@@ -114,12 +124,14 @@ struct JobPool::State {
   Budget small{options.memory_bytes / kSmallTogetherPart};
   std::map<std::pair<std::string, JobState>, std::uint64_t> ended_so_far;
   bool stopping = false;
+  bool alone = false;  // what runs may be what ended an earlier process
   std::vector<std::jthread> workers;
+  std::jthread timekeeper;
 
   State(JobPoolOptions o, Catalog& c, BlobStore& b, JobRunner r, FaultLog l, EndLog e)
       : options(o), catalog(c), blobs(b), runner(std::move(r)), log(std::move(l)), ended_log(std::move(e)) {}
 
-  // All below but work_on, run and take_back: with the mutex held.
+  // All below but work_on, run, keep_time, take_back and reason: with the mutex held.
 
   JobPtr find(const std::string& id) const {
     const auto found = jobs.find(id);
@@ -143,6 +155,22 @@ struct JobPool::State {
     changed.notify_all();
   }
 
+  /// Of the exception that is being handled: what is shown of it, and what is not goes to the log.
+  JobError reason(const std::string& job) const {
+    try {
+      throw;
+    } catch (const Error& error) {
+      return {error.code(), error.what()};
+    } catch (const std::bad_alloc&) {
+      return {ErrorCode::too_large, "This work needs more memory than the server has; ask for less."};
+    } catch (const std::exception& error) {
+      if (log) tell([&] { log(job, error.what()); });
+    } catch (...) {
+      if (log) tell([&] { log(job, "an exception of unknown type"); });
+    }
+    return fault();
+  }
+
   void enqueue(const JobPtr& job) {
     jobs[job->record.id] = job;
     by_result[job->record.result_id] = job;
@@ -156,7 +184,9 @@ struct JobPool::State {
   }
 
   bool may_start_next() const {
-    return !queue.empty() && memory.line.empty() && memory.fits(queue.front()->record.memory_bytes);
+    if (queue.empty() || !memory.line.empty()) return false;
+    const JobRecord& next = queue.front()->record;
+    return (running == 0 || (!alone && next.crashes == 0)) && memory.fits(next.memory_bytes);
   }
 
   void give_back(Budget& budget, std::uint64_t bytes) {
@@ -177,7 +207,7 @@ struct JobPool::State {
   /// Where all ends pass.
   void note_end(const Job& job) {
     ++ended_so_far[{job.record.kind, job.record.state}];
-    if (ended_log) ended_log(job.record);
+    if (ended_log) tell([&] { ended_log(job.record); });
   }
 
   /// The catalogue knows already.
@@ -208,13 +238,33 @@ struct JobPool::State {
     try {
       catalog.update_job(record);
       end(job, std::move(record));
-    } catch (const Error& error) {
-      record = ended(std::move(record), JobState::failed, JobError{error.code(), error.what()});
-      job.record = std::move(record);
+    } catch (...) {
+      job.record = ended(std::move(record), JobState::failed, reason(job.record.id));
       note_end(job);
       no_longer_joinable(job);
       announce(job, JobEvent::Type::end);  // and stays in `jobs`, since the catalogue would tell otherwise
     }
+  }
+
+  /// A job that was stopped before its time.
+  void leave_for_next_start(Job& job) {
+    JobRecord record = job.record;
+    record.state = JobState::queued;
+    try {
+      catalog.update_job(record);
+    } catch (...) {
+      // The catalogue still says running: the next start runs it again all the same.
+    }
+    job.record = std::move(record);
+  }
+
+  /// A job that somebody may still change, under this id. Throws not_found, and conflict when it is over.
+  JobPtr unfinished(const std::string& id) const {
+    const auto job = find(id);
+    if (!job && !catalog.find_job(id)) throw not_found();
+    if (!job || is_over(job->record.state))
+      throw Error(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
+    return job;
   }
 
   void take_back(const std::vector<std::string>& keys) const {
@@ -230,7 +280,10 @@ struct JobPool::State {
 
   void take_up_unfinished();
   void work_on();
+  bool work_once();
   void run(const JobPtr& job);
+  void keep_time();
+  JobStatus cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job);
 };
 
 namespace {
@@ -240,6 +293,13 @@ Error too_much(std::uint64_t needed, std::uint64_t there) {
   return {ErrorCode::unusable, "This work needs about " + mib(needed) + " of memory, and this server has " +
                                    mib(there) +
                                    " for it; ask for less, such as a coarser volume, or use a larger server."};
+}
+
+JobError too_long(std::chrono::milliseconds limit) {
+  const auto seconds = std::chrono::ceil<std::chrono::seconds>(limit).count();
+  return {ErrorCode::too_large, "This work was stopped after " + std::to_string(seconds) +
+                                    " s, which is as long as one job may run here (max_job_s); ask for less, such as a "
+                                    "coarser volume or fewer spheres, or have the limit raised."};
 }
 
 class Running final : public JobContext {
@@ -319,35 +379,74 @@ void JobPool::State::take_up_unfinished() {
 }
 
 void JobPool::State::work_on() {
-  for (;;) {
-    JobPtr job;
-    {
-      std::unique_lock lock(mutex);
-      work.wait(lock, [&] { return stopping || may_start_next(); });
-      if (stopping) return;
-      job = queue.pop();
-      JobRecord record = job->record;
-      record.started = now();
-      job->run_began = SteadyClock::now();
-      try {
-        // Somebody may have made the same thing between the requester's look and the queue.
-        if (catalog.find(record.result_id)) {
-          store_end(*job, ended(std::move(record), JobState::succeeded));
-          continue;
-        }
-        record.state = JobState::running;
-        catalog.update_job(record);
-      } catch (const Error& error) {
-        store_end(*job, ended(std::move(record), JobState::failed, JobError{error.code(), error.what()}));
-        continue;
-      }
-      job->record = std::move(record);
-      ++running;
-      job->holds = job->record.memory_bytes;
-      memory.taken += job->holds;
-      announce(*job, JobEvent::Type::state);
+  for (;;) try {
+      if (!work_once()) return;
+    } catch (...) {
+      // Memory for a few words was missing; the next job may find it.
+      static_cast<void>(reason("pool"));
     }
-    run(job);
+}
+
+/// False when the pool stops.
+bool JobPool::State::work_once() {
+  JobPtr job;
+  {
+    std::unique_lock lock(mutex);
+    work.wait(lock, [&] { return stopping || may_start_next(); });
+    if (stopping) return false;
+    job = queue.pop();
+    JobRecord record = job->record;
+    record.started = now();
+    job->run_began = SteadyClock::now();
+    try {
+      // Somebody may have made the same thing between the requester's look and the queue.
+      if (catalog.find(record.result_id)) {
+        store_end(*job, ended(std::move(record), JobState::succeeded));
+        return true;
+      }
+      record.state = JobState::running;
+      catalog.update_job(record);
+    } catch (...) {
+      store_end(*job, ended(std::move(record), JobState::failed, reason(job->record.id)));
+      return true;
+    }
+    job->record = std::move(record);
+    ++running;
+    job->holds = job->record.memory_bytes;
+    memory.taken += job->holds;
+    alone = job->record.crashes > 0;
+    announce(*job, JobEvent::Type::state);
+    begun.notify_all();
+  }
+  run(job);
+  return true;
+}
+
+/// Stops what has run for too long.
+void JobPool::State::keep_time() {
+  std::unique_lock lock(mutex);
+  while (!stopping) {
+    const auto now = SteadyClock::now();
+    auto next = SteadyClock::time_point::max();
+    std::vector<JobPtr> late;
+    for (const auto& [id, job] : jobs) {
+      if (job->record.state != JobState::running || job->verdict) continue;
+      const auto deadline = job->run_began + options.longest_run;
+      deadline <= now ? late.push_back(job) : static_cast<void>(next = std::min(next, deadline));
+    }
+    for (const JobPtr& job : late) {
+      job->verdict = too_long(options.longest_run);
+      no_longer_joinable(*job);
+    }
+    if (!late.empty()) {
+      lock.unlock();
+      for (const JobPtr& job : late) job->stop.request_stop();  // runs callbacks, which may ask for the mutex
+      lock.lock();
+    } else if (next == SteadyClock::time_point::max()) {
+      begun.wait(lock);
+    } else {
+      begun.wait_until(lock, next);
+    }
   }
 }
 
@@ -365,14 +464,7 @@ void JobPool::State::revise(Job& job, std::uint64_t bytes) {
 }
 
 void JobPool::State::put_back(const JobPtr& job) {
-  JobRecord record = job->record;
-  record.state = JobState::queued;
-  try {
-    catalog.update_job(record);
-  } catch (const Error&) {
-    // The catalogue still says running: the next start runs it again all the same.
-  }
-  job->record = std::move(record);
+  leave_for_next_start(*job);
   if (!std::exchange(job->again, false)) return;
   queue.push_front(job->record.client, job);
   announce(*job, JobEvent::Type::state);
@@ -389,18 +481,11 @@ void JobPool::State::run(const JobPtr& job) {
   try {
     Running context(std::max(1U, options.threads_per_job), *job, mutex, changed,
                     [&](std::uint64_t bytes) { revise(*job, bytes); });
-    result = runner(record_at_start, context);
-    SPHERULE_CHECK(result->id == record_at_start.result_id);
-  } catch (const Error& thrown) {
-    error = JobError{thrown.code(), thrown.what()};
-  } catch (const std::bad_alloc&) {
-    error = JobError{ErrorCode::too_large, "This work needs more memory than the server has; ask for less."};
-  } catch (const std::exception& thrown) {
-    error = fault();
-    if (log) log(record_at_start.id, thrown.what());
+    Resource made = runner(record_at_start, context);
+    SPHERULE_CHECK(made.id == record_at_start.result_id);
+    result = std::move(made);
   } catch (...) {
-    error = fault();
-    if (log) log(record_at_start.id, "an exception of unknown type");
+    error = reason(record_at_start.id);
   }
 
   std::vector<std::string> unneeded;
@@ -408,6 +493,7 @@ void JobPool::State::run(const JobPtr& job) {
   {
     const std::lock_guard lock(mutex);
     --running;
+    alone = false;
     give_back(memory, job->holds);
     if (job->record.state == JobState::cancelling) {
       // Even with a result in hand: the requester was told that it would not come.
@@ -417,13 +503,16 @@ void JobPool::State::run(const JobPtr& job) {
         JobRecord record = ended(job->record, JobState::succeeded);
         if (catalog.complete_job(record, *result)) unneeded.clear();
         end(*job, std::move(record));
-      } catch (const Error& thrown) {
+      } catch (...) {
+        const JobError why = reason(job->record.id);
         // After an I/O error the row may yet turn out to be there; then its blobs must be, too.
-        if (thrown.code() == ErrorCode::corrupt) unneeded.clear();
-        store_end(*job, ended(job->record, JobState::failed, JobError{thrown.code(), thrown.what()}));
+        if (why.code == ErrorCode::corrupt) unneeded.clear();
+        store_end(*job, ended(job->record, JobState::failed, why));
       }
-    } else if (job->again || (stopping && job->stop.stop_requested())) {
+    } else if (job->verdict) {
       // Whatever it threw: libraries report an interruption in ways of their own.
+      store_end(*job, ended(job->record, JobState::failed, job->verdict));
+    } else if (job->again || (stopping && job->stop.stop_requested())) {
       put_back(job);
     } else {
       store_end(*job, ended(job->record, JobState::failed, std::move(error)));
@@ -439,12 +528,17 @@ JobPool::JobPool(JobPoolOptions options, Catalog& catalog, BlobStore& blobs, Job
   state_->take_up_unfinished();
   for (unsigned i = 0; i < std::max(1U, options.jobs_at_once); ++i)
     state_->workers.emplace_back([state = state_.get()] { state->work_on(); });
+  if (options.longest_run < std::chrono::milliseconds::max())
+    state_->timekeeper = std::jthread([state = state_.get()] { state->keep_time(); });
 }
 
-JobPool::~JobPool() { stop(std::chrono::milliseconds(0)); }
+JobPool::~JobPool() {
+  static_cast<void>(stop(std::chrono::milliseconds(0)));
+  state_->workers.clear();  // joins
+}
 
 JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                          const std::string& client, std::uint64_t memory_bytes, bool poll) {
+                          const std::string& client, std::uint64_t memory_bytes) {
   State& s = *state_;
   std::unique_lock lock(s.mutex);
   s.changed.wait(lock, [&] {
@@ -453,12 +547,10 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   if (s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
   if (const auto same = s.by_result.find(result_id); same != s.by_result.end()) {
     Job& job = *same->second;
-    if (poll && job.pollers.contains(client)) return s.status(job);
     JobRecord record = job.record;
-    ++record.requesters;
+    if (!record.requesters.insert(client).second) return s.status(job);
     s.catalog.update_job(record);
     job.record = std::move(record);
-    if (poll) job.pollers.insert(client);
     return s.status(job);
   }
   if (memory_bytes > s.options.memory_bytes) throw too_much(memory_bytes, s.options.memory_bytes);
@@ -475,6 +567,7 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   record.result_id = result_id;
   record.request = request;
   record.client = client;
+  record.requesters = {client};
   record.memory_bytes = memory_bytes;
   record.created = now();
   const auto job = std::make_shared<Job>(std::move(record));
@@ -536,6 +629,7 @@ JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chron
     for (const JobEvent& event : job->events)
       if (event.number > after) news.events.push_back(event);
     news.over = is_over(job->record.state);
+    news.stopping = state_->stopping && !news.over;
     return news;
   }
   const std::optional<JobRecord> record = state_->catalog.find_job(id);
@@ -547,41 +641,18 @@ JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chron
   return news;
 }
 
-JobStatus JobPool::cancel(const std::string& id, const std::string& client) {
+std::optional<JobStatus> JobPool::cancel(const std::string& id, const std::string& client) {
   State& s = *state_;
-  const Error over(ErrorCode::conflict, "This job is over already; there is nothing to cancel.");
   std::unique_lock lock(s.mutex);
   s.await_arrival(lock, id);
-  const auto job = s.find(id);
-  if (!job) {
-    if (!s.catalog.find_job(id)) throw not_found();
-    throw over;
-  }
-  if (is_over(job->record.state)) throw over;
+  const auto job = s.unfinished(id);
   if (job->record.state == JobState::cancelling) return s.status(*job);
+  if (!job->record.requesters.contains(client)) return {};
+  if (job->record.requesters.size() == 1) return s.cancel_now(lock, job);
   JobRecord record = job->record;
-  --record.requesters;
-  if (record.requesters > 0) {
-    s.catalog.update_job(record);
-    job->record = std::move(record);
-    job->pollers.erase(client);
-  } else if (record.state == JobState::queued) {
-    record = State::ended(std::move(record), JobState::cancelled);
-    s.catalog.update_job(record);
-    s.queue.erase(job);
-    s.work.notify_all();
-    s.end(*job, std::move(record));
-  } else {
-    record.state = JobState::cancelling;
-    s.catalog.update_job(record);
-    job->record = std::move(record);
-    s.no_longer_joinable(*job);
-    s.announce(*job, JobEvent::Type::state);
-    const JobStatus status = s.status(*job);
-    lock.unlock();
-    job->stop.request_stop();  // runs the runner's stop callbacks, which may ask for the mutex
-    return status;
-  }
+  record.requesters.erase(client);
+  s.catalog.update_job(record);
+  job->record = std::move(record);
   return s.status(*job);
 }
 
@@ -602,27 +673,91 @@ JobPool::Memory JobPool::reserve(std::uint64_t bytes, std::chrono::milliseconds 
   if (!granted && s.stopping) throw Error(ErrorCode::busy, "The server is stopping; try again once it is back.");
   if (!granted) throw Error(ErrorCode::busy, "The server's memory is taken by other work; try again in a while.");
   return {nullptr, [&s, &budget, bytes](const void*) {
-            const std::lock_guard lock(s.mutex);
+            const std::lock_guard held(s.mutex);
             s.give_back(budget, bytes);
           }};
 }
 
-void JobPool::stop(std::chrono::milliseconds grace) {
+JobStatus JobPool::cancel_for_all(const std::string& id) {
+  State& s = *state_;
+  std::unique_lock lock(s.mutex);
+  s.await_arrival(lock, id);
+  const auto job = s.unfinished(id);
+  return job->record.state == JobState::cancelling ? s.status(*job) : s.cancel_now(lock, job);
+}
+
+/// Gives the lock back.
+JobStatus JobPool::State::cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job) {
+  JobRecord record = job->record;
+  record.requesters.clear();
+  if (record.state == JobState::queued) {
+    record = ended(std::move(record), JobState::cancelled);
+    catalog.update_job(record);
+    queue.erase(job);
+    work.notify_all();
+    end(*job, std::move(record));
+    return status(*job);
+  }
+  record.state = JobState::cancelling;
+  catalog.update_job(record);
+  job->record = std::move(record);
+  no_longer_joinable(*job);
+  announce(*job, JobEvent::Type::state);
+  const JobStatus now = status(*job);
+  lock.unlock();
+  job->stop.request_stop();  // runs the runner's stop callbacks, which may ask for the mutex
+  return now;
+}
+
+void JobPool::abandon(const std::function<bool(const JobRecord& job)>& pointless, const JobError& reason) {
+  State& s = *state_;
+  std::vector<State::JobPtr> queued, at_work;
+  {
+    const std::lock_guard lock(s.mutex);
+    for (const auto& [id, job] : s.jobs) {
+      if (is_over(job->record.state) || job->verdict || !pointless(job->record)) continue;
+      (job->record.state == JobState::queued ? queued : at_work).push_back(job);
+    }
+    for (const auto& job : queued) {
+      s.queue.erase(job);
+      s.store_end(*job, State::ended(job->record, JobState::failed, reason));
+    }
+    for (const auto& job : at_work) {
+      job->verdict = reason;
+      s.no_longer_joinable(*job);
+    }
+    s.work.notify_all();
+  }
+  for (const auto& job : at_work) job->stop.request_stop();
+}
+
+bool JobPool::stop(std::chrono::milliseconds grace) {
   State& s = *state_;
   std::vector<std::jthread> workers;
   std::vector<std::shared_ptr<Job>> unfinished;
+  const auto at_rest = [&] { return s.running == 0; };
   {
     std::unique_lock lock(s.mutex);
     s.stopping = true;
     s.give_back(s.memory, 0);
     s.changed.notify_all();
-    s.changed.wait_for(lock, grace, [&] { return s.running == 0; });
+    s.begun.notify_all();
+    s.changed.wait_for(lock, grace, at_rest);
     for (const auto& [id, job] : s.jobs)
       if (job->record.state == JobState::running) unfinished.push_back(job);
-    workers.swap(s.workers);
   }
   for (const auto& job : unfinished) job->stop.request_stop();
-  workers.clear();  // joins
+  {
+    std::unique_lock lock(s.mutex);
+    if (!s.changed.wait_for(lock, hearing, at_rest)) {
+      // Not theirs is the blame should the process be ended now.
+      for (const auto& job : unfinished)
+        if (job->record.state == JobState::running) s.leave_for_next_start(*job);
+      return false;
+    }
+    workers.swap(s.workers);
+  }
+  return true;  // joins: what they still tidy up is done
 }
 
 JobPool::Load JobPool::load() const {

@@ -29,7 +29,8 @@ struct JobPoolOptions {
   std::size_t queue_length = 64;  ///< jobs that wait; one more is refused with busy
   std::size_t queue_per_client = std::numeric_limits<std::size_t>::max();  ///< one client's; then throttled
   std::uint64_t memory_bytes = std::numeric_limits<std::uint64_t>::max();  ///< for all running jobs, as they estimate
-  unsigned crash_limit = 10;  ///< a job that ran while the process died this often fails instead of running once more
+  unsigned crash_limit = 2;  ///< a job that ran while the process died this often fails instead of running once more
+  std::chrono::milliseconds longest_run = std::chrono::milliseconds::max();  ///< of one job; then it fails. max: no end
 };
 
 /// A job as it is now.
@@ -54,6 +55,7 @@ struct JobEvent {
 struct JobEvents {
   std::vector<JobEvent> events;  ///< ascending
   bool over = false;             ///< nothing will follow; the last event of every job has Type::end
+  bool stopping = false;         ///< more follows, but from the next process: asking this one again is in vain
 };
 
 /// What a runner may do to its job. Valid during the call only.
@@ -93,7 +95,12 @@ using EndLog = std::function<void(const JobRecord& job)>;
 ///
 /// Order: clients take turns (FairQueue). Admission: a job starts when its estimate fits beside what the jobs that run
 /// and reserve() have, or when nobody has anything; the next in turn is waited for and never overtaken, so that large
-/// work is not starved.
+/// work is not starved. A job that ran when the process died runs alone, so that no other is blamed should it die
+/// again.
+///
+/// Requesters: a job is wanted by a set of clients, each counted once however often it asks, and stops when the last of
+/// them has cancelled. It is also stopped, and fails with a sentence that says so, when it has run for longest_run, and
+/// by abandon(). A runner hears of a stop by its Context only: a stage that does not look holds its thread.
 ///
 /// Durability: a job that submit() returned runs, or ends with a reason, whatever happens to the process; `succeeded`
 /// is seen only after the result is in the catalogue. Should the catalogue refuse to store an end (full disk), the job
@@ -107,14 +114,12 @@ class JobPool {
   /// As stop(0 s).
   ~JobPool();
 
-  /// Queues work, or joins the unfinished job that makes the same result (one more requester). The caller has looked
-  /// for a finished result before. Returns the job's status; its record.requesters tells whether it was joined.
-  /// `client` is whose turn it takes, `memory_bytes` an estimate of what the work needs at its peak. `poll`: a client
-  /// asks again and again for one thing, so its second request and later ones add no requester. Throws busy when
-  /// the queue is full or the pool stops, throttled when this client's part of it is, and unusable, with the estimate,
-  /// when the work can never fit.
+  /// Queues work, or joins the unfinished job that makes the same result. The caller has looked for a finished result
+  /// before. Returns the job's status; its record.requesters tells who wants it now. `client` is whose turn it takes,
+  /// `memory_bytes` an estimate of what the work needs at its peak. Throws busy when the queue is full or the pool
+  /// stops, throttled when this client's part of it is, and unusable, with the estimate, when the work can never fit.
   JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                   const std::string& client = {}, std::uint64_t memory_bytes = 0, bool poll = false);
+                   const std::string& client = {}, std::uint64_t memory_bytes = 0);
 
   /// Throws not_found.
   [[nodiscard]] JobStatus status(const std::string& id) const;
@@ -130,10 +135,17 @@ class JobPool {
   /// Throws not_found.
   JobEvents events(const std::string& id, std::uint64_t after, std::chrono::milliseconds timeout) const;
 
-  /// Takes one requester away, of this client if it polled. The last one stops the work: a queued job is cancelled at
-  /// once, a running one is cancelling until the runner returns. Durable: it will not run again. Throws not_found;
-  /// conflict when it is over or its result is just being stored.
-  JobStatus cancel(const std::string& id, const std::string& client = {});
+  /// Takes this client's request back; nothing when it is none of the job's requesters. The last one stops the work: a
+  /// queued job is cancelled at once, a running one is cancelling until the runner returns. Durable: it will not run
+  /// again. Throws not_found; conflict when it is over or its result is just being stored.
+  std::optional<JobStatus> cancel(const std::string& id, const std::string& client = {});
+
+  /// The same for all requesters at once.
+  JobStatus cancel_for_all(const std::string& id);
+
+  /// Ends every unfinished job that this is true of (asked under the pool's lock): a queued one fails with this reason
+  /// at once, a running one as soon as its runner returns. None of them is joined any more.
+  void abandon(const std::function<bool(const JobRecord& job)>& pointless, const JobError& reason);
 
   /// Memory that work within a request holds, until the last copy goes, which must be before the pool.
   using Memory = std::shared_ptr<const void>;
@@ -144,9 +156,10 @@ class JobPool {
   /// or the pool stops; cancelled on a stop request.
   Memory reserve(std::uint64_t bytes, std::chrono::milliseconds patience, const std::stop_token& stop = {});
 
-  /// Accepts nothing more, starts nothing more, lets running jobs finish for up to `grace`, then stops them and waits.
-  /// Unfinished jobs stay queued in the catalogue for the next start. Wakes every wait() and events().
-  void stop(std::chrono::milliseconds grace);
+  /// Accepts nothing more, starts nothing more, lets running jobs finish for up to `grace`, then stops them and waits
+  /// for a second at most: false when one has not heard by then. Unfinished jobs stay queued in the catalogue for the
+  /// next start. Wakes every wait() and events(). After false, the destructor still waits for the runners.
+  bool stop(std::chrono::milliseconds grace);
 
   struct Load {
     std::size_t queued = 0, running = 0;  ///< queued: with those that submit() is just storing

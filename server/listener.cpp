@@ -139,6 +139,7 @@ void Listener::State::serve(httplib::Request& request, httplib::Response& respon
       throw Error(ErrorCode::invalid_argument, "Send no body with this method.");
     }
     asked.body = &body;
+    asked.gone = [connection = Connection::current()] { return connection != nullptr && connection->is_gone(); };
     // What is deleted cannot be told with the text that closes a connection; so the body goes first.
     if (request.method == "DELETE") body.drain();
     if (request.method == "DELETE" && !body.finished()) {

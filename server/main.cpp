@@ -12,6 +12,8 @@
 #include <string>
 #include <thread>
 
+#include <unistd.h>
+
 #include "api/cors.h"
 #include "api/routes.h"
 #include "core/base/error.h"
@@ -83,8 +85,8 @@ int serve(const server::Config& config) {
       });
   // One for each who may ask: event streams keep theirs.
   std::map<std::string, server::Pipeline> clients;
-  clients.emplace("local", pipeline.on_behalf_of("local"));
-  for (const server::ApiKey& key : config.keys) clients.emplace(key.name, pipeline.on_behalf_of(key.name));
+  clients.emplace("local", pipeline.on_behalf_of("local", server::Scope::admin));
+  for (const server::ApiKey& key : config.keys) clients.emplace(key.name, pipeline.on_behalf_of(key.name, key.scope));
   const server::Gate gate(config.keys, audit);
   const auto answer = [&](const api::Request& request) {
     return gate.pass(request, [&](const std::string& client) {
@@ -105,7 +107,14 @@ int serve(const server::Config& config) {
         requests.count(request);
         log_access(request);
       });
-  std::jthread network([&] { listener->run(); });
+  std::jthread network([&] {
+    try {
+      listener->run();
+    } catch (const std::exception& error) {
+      log_fault("listener", error.what());
+      ::kill(::getpid(), SIGTERM);
+    }
+  });
   std::printf("Spherule listens on %s://%s:%d\n", config.tls_key.empty() ? "http" : "https", config.host.c_str(),
               int{listener->port()});
   std::fflush(stdout);
@@ -115,10 +124,13 @@ int serve(const server::Config& config) {
   log(server::LogLine("stopping"));
   // Answering goes on meanwhile; a second signal ends the patience.
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
-  pipeline.stop(config.drain);
+  const bool at_rest = pipeline.stop(config.drain);
   listener->stop();
   log(server::LogLine("stopped"));
-  return 0;
+  if (at_rest) return 0;
+  // A job that does not hear must not hold up whoever stops the machine; all that is to last is on the disk.
+  log_fault("pool", "a job did not stop when it was told to");
+  std::_Exit(0);
 }
 
 int make_key(const server::CommandLine& line) {

@@ -70,7 +70,7 @@ Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
   context.report("store", 0);
   context.throw_if_cancelled();
   watch.restart();
-  Resource resource = store.keep(info, std::move(built.model), watch);
+  Resource resource = store.keep(info, std::move(built.model), watch, context);
   resource.request = record.request;
   resource.inputs = {request.volume};
   return resource;

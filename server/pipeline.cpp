@@ -6,9 +6,10 @@
 #include <algorithm>
 #include <array>
 #include <condition_variable>
+#include <functional>
 #include <mutex>
-#include <semaphore>
 #include <stdexcept>
+#include <stop_token>
 #include <thread>
 #include <utility>
 
@@ -21,6 +22,7 @@
 #include "server/memory.h"
 #include "server/metrics.h"
 #include "server/model_job.h"
+#include "server/places.h"
 #include "server/registration_job.h"
 #include "server/replies.h"
 #include "server/resumable.h"
@@ -40,7 +42,9 @@ using api::VolumeInfo;
 using Seconds = api::Service::Seconds;
 
 // Requests that wait for a job hold a thread each; beyond this many they are told to poll.
-constexpr std::ptrdiff_t kWaiters = 64;
+constexpr std::size_t kWaiters = 64;
+// How often a request's work looks whether somebody still waits for it.
+constexpr std::chrono::milliseconds kLooks{50};
 // How long unfinished uploads and the replies under idempotency keys are kept.
 constexpr std::chrono::hours kKeepUploads{24}, kKeepReplies{24};
 
@@ -85,8 +89,8 @@ JobInfo job_info(const JobStatus& status) {
 }
 
 std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 8> kinds = {"measures",      "checks", "render", "export",
-                                                "contributions", "slice",  "tree",   "export"};
+  constexpr std::array<const char*, 9> kinds = {"measures", "checks", "render", "export",   "contributions",
+                                                "slice",    "tree",   "export", "histogram"};
   return kinds[request.what.index()];
 }
 
@@ -97,6 +101,59 @@ Resource run(Store& store, const JobRecord& record, JobContext& context) {
   if (record.kind == registration_answer_kind) return run_registration_answer(store, record, context);
   return run_answer(store, record, context);
 }
+
+// Ids of the resources that a job works on. Throws corrupt for a damaged record.
+std::vector<std::string> inputs_of(const JobRecord& record) {
+  if (record.kind == "model") return {api::model_request_from(record.request).volume};
+  if (record.kind == "simplification") return {api::simplification_request_from(record.request).model};
+  if (record.kind == registration_answer_kind) return {api::registration_answer_from(record.request).registration};
+  if (record.kind == registration_kind) {
+    const api::RegistrationRequest request = api::registration_request_from(record.request);
+    return {request.fixed, request.moving};
+  }
+  const DerivedRequest request = api::derived_from(record.request);
+  if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) return {slice->volume};
+  if (const auto* values = std::get_if<api::ValuesRequest>(&request.what)) return {values->volume};
+  std::vector<std::string> inputs{request.model};
+  if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
+    inputs.push_back(render->with);
+  }
+  return inputs;
+}
+
+// Stops the work of a request when nobody waits for it any more or the server stops.
+class Attention {
+ public:
+  Attention(const api::Gone& gone, const std::stop_token& server)
+      : server_stops_(server, [this] { work_.request_stop(); }) {
+    if (gone) watch_ = std::jthread([this, &gone](const std::stop_token& over) { watch(gone, over); });
+  }
+  std::stop_token token() const { return work_.get_token(); }
+
+ private:
+  void watch(const api::Gone& gone, const std::stop_token& over) {
+    std::mutex mutex;
+    std::condition_variable_any wake;
+    std::unique_lock lock(mutex);
+    do {
+      if (is_gone(gone)) {
+        work_.request_stop();
+        return;
+      }
+    } while (!wake.wait_for(lock, over, kLooks, [&] { return over.stop_requested(); }));
+  }
+  static bool is_gone(const api::Gone& gone) noexcept {
+    try {
+      return gone();
+    } catch (...) {
+      return false;  // it is not known; the next look may tell
+    }
+  }
+
+  std::stop_source work_;
+  std::stop_callback<std::function<void()>> server_stops_;
+  std::jthread watch_;
+};
 
 // The level of a model that is meant: 0 for all of it. Throws where it has no such level, and where it has none at all
 // but they are needed.
@@ -122,8 +179,9 @@ struct Pipeline::State {
   ResumableUploads uploads;
   ReplyBook replies;
   MetricSource more;
-  std::counting_semaphore<kWaiters> waiters{kWaiters};
+  Places waiters{kWaiters};
   PipelineLogs logs;
+  std::stop_source stopped;  // what requests do by themselves
   JobPool pool;
   std::mutex mutex;
   std::condition_variable_any wake;
@@ -140,11 +198,17 @@ struct Pipeline::State {
              .threads_per_job = config.threads_per_job(),
              .queue_length = config.queue_length,
              .queue_per_client = config.queue_per_client,
-             .memory_bytes = config.job_memory_bytes},
+             .memory_bytes = config.job_memory_bytes,
+             .longest_run = std::chrono::seconds(config.max_job_s)},
             store.catalog, store.blobs,
             [this](const JobRecord& record, JobContext& context) { return run(store, record, context); }, logs.fault,
             logs.job_ended) {
     sweeper = std::jthread([this](const std::stop_token& stop) { sweep(stop); });
+  }
+
+  // For what a request does by itself.
+  Context request_context() const {
+    return {.threads = store.config.threads_per_job(), .cancel = stopped.get_token(), .progress = {}};
   }
 
   // Every hour, or ten times within the shortest time that anything is kept.
@@ -160,27 +224,51 @@ struct Pipeline::State {
     while (!stop.stop_requested()) {
       try {
         expire(store.catalog, store.keeping(), now(), [&](const std::string& id) {
-          store.remove(id);
+          remove(id);
           if (logs.expired) logs.expired(id);
         });
         if (keep_jobs.count() > 0) store.catalog.forget_jobs(now() - keep_jobs);
-      } catch (const Error& error) {
+      } catch (const std::exception& error) {
         if (logs.fault) logs.fault("retention", error.what());
+      } catch (...) {
+        if (logs.fault) logs.fault("retention", "an exception of unknown type");
       }
       wake.wait_for(lock, stop, period, [] { return false; });
     }
   }
 
-  // Waits for a job that makes something, and throws when it did not.
-  JobStatus wait_for(JobStatus status, Seconds wait) {
-    if (wait.count() > 0 && !is_over(status.record.state) && waiters.try_acquire()) {
+  // Deletes a thing with all that was made from it, and ends the jobs that work on any of these.
+  void remove(const std::string& id) {
+    store.remove(id);
+    const auto pointless = [&](const JobRecord& job) {
       try {
-        status = pool.wait(status.record.id, std::chrono::ceil<std::chrono::milliseconds>(wait));
-      } catch (...) {
-        waiters.release();
-        throw;
+        return std::ranges::any_of(inputs_of(job), [&](const auto& input) { return !store.catalog.find(input); });
+      } catch (const Error&) {
+        return false;  // it will fail by itself
       }
-      waiters.release();
+    };
+    pool.abandon(pointless, {ErrorCode::conflict, "What this work is made from was deleted; there is no more to do."});
+  }
+
+  struct Awaited {
+    JobStatus status;
+    bool in_full = false;  // until the job was over, or as long as was asked for
+    JobInfo info() const {
+      JobInfo job = job_info(status);
+      job.awaited = in_full;
+      return job;
+    }
+  };
+
+  // Waits for a client's job that makes something, and throws when it did not.
+  Awaited wait_for(JobStatus status, const std::string& client, Seconds wait) {
+    bool in_full = false;
+    if (wait.count() > 0 && !is_over(status.record.state)) {
+      if (const auto place = waiters.take(client)) {
+        const auto end = std::chrono::steady_clock::now() + wait;
+        status = pool.wait(status.record.id, std::chrono::ceil<std::chrono::milliseconds>(wait));
+        in_full = is_over(status.record.state) || std::chrono::steady_clock::now() >= end;
+      }
     }
     const JobRecord& record = status.record;
     if (record.state == JobState::cancelled || record.state == JobState::cancelling) {
@@ -190,15 +278,15 @@ struct Pipeline::State {
       if (record.error && record.error->code) throw Error(*record.error->code, record.error->sentence);
       throw std::runtime_error("a job failed");
     }
-    return status;
+    return {std::move(status), in_full};
   }
 
   // The model of this id as it is, or of a job of this kind.
   api::Outcome<api::StoredModel> model_of(const char* kind, const std::string& id, const std::string& request,
                                           const std::string& client, std::uint64_t memory, Seconds wait) {
     if (const auto known = store.find_any(id)) return api::StoredModel{api::model_from(known->document), true};
-    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory), wait);
-    if (status.record.state != JobState::succeeded) return job_info(status);
+    const Awaited job = wait_for(pool.submit(kind, id, request, client, memory), client, wait);
+    if (job.status.record.state != JobState::succeeded) return job.info();
     return api::StoredModel{api::model_from(store.find_model(id).document), false};
   }
 
@@ -214,8 +302,8 @@ struct Pipeline::State {
         store.remove(id);
       }
     }
-    const JobStatus status = wait_for(pool.submit(kind, id, request, client, memory, true), wait);
-    if (status.record.state != JobState::succeeded) return job_info(status);
+    const Awaited job = wait_for(pool.submit(kind, id, request, client, memory), client, wait);
+    if (job.status.record.state != JobState::succeeded) return job.info();
     return content_of(store.intact(store.find(id, answers_collection, "answer").blobs.at(0)));
   }
 
@@ -233,7 +321,11 @@ Pipeline::Pipeline(const Config& config, PipelineLogs logs, MetricSource more)
     : state_(std::make_shared<State>(config, std::move(logs), std::move(more))) {}
 Pipeline::~Pipeline() = default;
 
-void Pipeline::stop(std::chrono::milliseconds grace) { state_->pool.stop(grace); }
+bool Pipeline::stop(std::chrono::milliseconds grace) {
+  const bool at_rest = state_->pool.stop(grace);
+  state_->stopped.request_stop();
+  return at_rest;
+}
 
 api::About Pipeline::about() const {
   return {.version = std::string(api::program_version()), .algorithm_version = algorithm_version_text()};
@@ -263,7 +355,8 @@ std::unique_ptr<api::Upload> Pipeline::start_upload(std::uint64_t announced) {
   return std::make_unique<FileUpload>(state_->store.blobs, state_->store.config.max_body_bytes, announced);
 }
 
-api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters) {
+api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters,
+                                         const api::Gone& gone) {
   Store& s = state_->store;
   auto& arrived = dynamic_cast<FileUpload&>(*upload);
   arrived.unpack({.unpacked_bytes = s.config.max_decompressed_bytes});
@@ -277,9 +370,11 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
   if (info.bytes() == 0) throw Error(ErrorCode::malformed, "The upload is empty; send the bytes of a volume.");
   info.id = content_id("vol", api::identity_of(info.files, parameters));
   if (const auto known = s.catalog.find(info.id)) return {api::volume_from(known->document), true};
-  {
-    const Store::Permit permit(s);
-    const Context context = s.request_context();
+  const Attention attention(gone, state_->stopped.get_token());
+  try {
+    Context context = state_->request_context();
+    context.cancel = attention.token();
+    const Store::Permit permit(s, context);
     std::vector<Blob> open;
     for (const auto& file : files) open.push_back(file.staging->open());
     const Volume volume = s.read(info.files, std::move(open), parameters, context);
@@ -291,6 +386,9 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
     info.natural_side = volume.natural_side;
     info.warnings = volume.warnings;
     info.range = value_range(volume, context);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::cancelled || !state_->stopped.stop_requested()) throw;
+    throw Error(ErrorCode::busy, "The server is stopping; send the volume again once it is back.");
   }
   Resource resource;
   resource.id = info.id;
@@ -322,17 +420,19 @@ api::Content Pipeline::volume_content(const std::string& id, std::size_t index) 
   return content_of(state_->store.intact(resource.blobs[index]));
 }
 
-std::vector<std::uint64_t> Pipeline::value_histogram(const std::string& id, std::size_t buckets) {
-  const Resource resource = state_->store.find_volume(id);
-  const Store::Permit permit(state_->store);
-  const Context context = state_->store.request_context();
-  return spherule::value_histogram(state_->store.stored_volume(resource, context),
-                                   api::volume_from(resource.document).range, buckets, context);
+api::Outcome<std::vector<std::uint64_t>> Pipeline::value_histogram(const std::string& id, std::size_t buckets,
+                                                                   Seconds wait) {
+  const auto counted = derive({.model = {}, .what = api::ValuesRequest{id, buckets}}, wait);
+  const auto* content = std::get_if<api::Content>(&counted);
+  if (content == nullptr) return std::get<JobInfo>(counted);
+  std::string record(content->bytes, '\0');
+  record.resize(content->read_at(0, record));
+  return api::counts_from(record);
 }
 
 void Pipeline::delete_volume(const std::string& id) {
   static_cast<void>(state_->store.find_volume(id));
-  state_->store.remove(id);
+  state_->remove(id);
 }
 
 api::Outcome<api::StoredModel> Pipeline::make_model(const api::ModelRequest& request, Seconds wait) {
@@ -367,9 +467,10 @@ api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api
   info.imported_format = api::name(format);
   Stopwatch watch;
   SphereModel model;
+  const Context context = state_->request_context();
   {
     // Not while the cache is asked: who loads a model for it waits for a permit.
-    const Store::Permit permit(s);
+    const Store::Permit permit(s, context);
     const Blob blob = staging.open();
     const Mapping mapping(blob);
     const ImportLimits limits{.max_spheres = s.config.max_spheres};
@@ -379,7 +480,7 @@ api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api
   watch.lap("read");
   info.spheres = model.spheres.size();
   info.bounds = bounds(model);
-  const bool added = publish(s.catalog, s.blobs, s.keep(info, std::move(model), watch));
+  const bool added = publish(s.catalog, s.blobs, s.keep(info, std::move(model), watch, context));
   return {this->model(info.id), !added};
 }
 
@@ -391,7 +492,7 @@ ModelInfo Pipeline::model(const std::string& id) { return api::model_from(state_
 
 void Pipeline::delete_model(const std::string& id) {
   static_cast<void>(state_->store.find_model(id));
-  state_->store.remove(id);
+  state_->remove(id);
 }
 
 api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
@@ -399,14 +500,15 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
   Store& s = state_->store;
   const Resource resource = s.find_model(id);
   level = level_of(api::model_from(resource.document), level, listing.needs_levels() || members);
-  const auto model = s.load(resource, level, s.request_context());
-  const ListedParts parts = s.listed_parts(resource, listing, members, s.request_context());
+  const Context context = state_->request_context();
+  const auto model = s.load(resource, level, context);
+  const ListedParts parts = s.listed_parts(resource, listing, members, context);
   std::shared_ptr<const Contributions> contributions;
   if (listing.needs_contributions()) {
     const Resource answer = s.find(Store::contributions_id(id, level), answers_collection, "measure");
     contributions = s.contributions.get_or_load(answer.id, [&] {
-      const Store::Permit permit(s);
-      const auto loaded = std::make_shared<const Contributions>(s.read_union_of(answer, *model));
+      const Store::Permit permit(s, context);
+      const auto loaded = std::make_shared<const Contributions>(s.read_union_of(answer, *model, context));
       return Cache<Contributions>::Loaded{loaded, loaded->bytes()};
     });
   }
@@ -415,7 +517,7 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
 }
 
 RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) {
-  const auto model = state_->store.load(state_->store.find_model(id), state_->store.request_context());
+  const auto model = state_->store.load(state_->store.find_model(id), state_->request_context());
   return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 
@@ -425,6 +527,8 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Second
   std::uint64_t memory = 0;
   if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) {
     memory = memory_to_slice(api::volume_from(s.find_volume(slice->volume).document));
+  } else if (const auto* values = std::get_if<api::ValuesRequest>(&request.what)) {
+    memory = memory_to_slice(api::volume_from(s.find_volume(values->volume).document));
   } else {
     const ModelInfo model = this->model(request.model);
     if (!model.source && std::holds_alternative<api::ChecksRequest>(request.what)) {
@@ -458,9 +562,9 @@ api::Outcome<api::StoredRegistration> Pipeline::register_pair(const api::Registr
   const std::uint64_t memory = memory_to_derive(model(request.fixed)) + memory_to_derive(model(request.moving));
   const std::string id = content_id("reg", api::identity_of(request, algorithm_version_text()));
   if (const auto known = s.find_any(id)) return api::StoredRegistration{registration_info(*known), true};
-  const JobStatus status =
-      state_->wait_for(state_->pool.submit(registration_kind, id, api::record_of(request), client_, memory), wait);
-  if (status.record.state != JobState::succeeded) return job_info(status);
+  const State::Awaited job = state_->wait_for(
+      state_->pool.submit(registration_kind, id, api::record_of(request), client_, memory), client_, wait);
+  if (job.status.record.state != JobState::succeeded) return job.info();
   return api::StoredRegistration{registration(id), false};
 }
 
@@ -477,7 +581,7 @@ api::RegistrationInfo Pipeline::registration(const std::string& id) {
 
 void Pipeline::delete_registration(const std::string& id) {
   static_cast<void>(registration(id));
-  state_->store.remove(id);
+  state_->remove(id);
 }
 
 api::Outcome<api::Content> Pipeline::derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) {
@@ -505,7 +609,7 @@ JobInfo Pipeline::job(const std::string& id) { return job_info(state_->pool.stat
 
 api::JobEvents Pipeline::job_events(const std::string& id, std::uint64_t after, Seconds wait) {
   const JobEvents found = state_->pool.events(id, after, std::chrono::ceil<std::chrono::milliseconds>(wait));
-  api::JobEvents result{.events = {}, .over = found.over};
+  api::JobEvents result{.events = {}, .over = found.over, .stopping = found.stopping};
   for (const JobEvent& event : found.events) {
     result.events.push_back({.number = event.number,
                              .type = static_cast<api::JobEvent::Type>(event.type),
@@ -517,7 +621,11 @@ api::JobEvents Pipeline::job_events(const std::string& id, std::uint64_t after, 
   return result;
 }
 
-JobInfo Pipeline::cancel_job(const std::string& id) { return job_info(state_->pool.cancel(id, client_)); }
+std::optional<JobInfo> Pipeline::cancel_job(const std::string& id) {
+  if (const auto job = state_->pool.cancel(id, client_)) return job_info(*job);
+  if (scope_ < Scope::admin) return std::nullopt;
+  return job_info(state_->pool.cancel_for_all(id));
+}
 
 api::UploadInfo Pipeline::create_upload(std::uint64_t length, const std::string& filename) {
   if (length > state_->store.blobs.free_bytes()) {

@@ -10,10 +10,12 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "api/service.h"
+#include "server/auth.h"
 #include "server/config.h"
 #include "server/jobs.h"
 
@@ -36,22 +38,26 @@ class Pipeline final : public api::Service {
   explicit Pipeline(const Config& config, PipelineLogs logs = {}, MetricSource more = {});
   ~Pipeline() override;
 
-  /// The same pipeline, whose jobs take this client's turns.
-  Pipeline on_behalf_of(std::string client) const { return {state_, std::move(client)}; }
+  /// The same pipeline for this client, whose turns its jobs take and whom they are counted for; it may cancel those of
+  /// others with the scope admin only.
+  Pipeline on_behalf_of(std::string client, Scope scope) const { return {state_, std::move(client), scope}; }
 
   /// Starts no more jobs, gives running ones `grace` to finish and then stops them; they run again at the next start.
-  /// Ends every wait.
-  void stop(std::chrono::milliseconds grace);
+  /// Ends every wait, and then what else requests have it do. False when a job does not hear: it runs on, and whoever
+  /// destroys the pipeline waits for it.
+  bool stop(std::chrono::milliseconds grace);
 
   api::About about() const override;
   api::Limits limits() const override;
   api::Readiness readiness() const override;
   std::unique_ptr<api::Upload> start_upload(std::uint64_t announced) override;
-  api::StoredVolume store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters) override;
+  api::StoredVolume store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters,
+                                 const api::Gone& gone) override;
   api::Page<api::VolumeInfo> volumes(const api::PageRequest& page) override;
   api::VolumeInfo volume(const std::string& id) override;
   api::Content volume_content(const std::string& id, std::size_t index) override;
-  std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) override;
+  api::Outcome<std::vector<std::uint64_t>> value_histogram(const std::string& id, std::size_t buckets,
+                                                           Seconds wait) override;
   void delete_volume(const std::string& id) override;
   api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override;
   api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override;
@@ -71,7 +77,7 @@ class Pipeline final : public api::Service {
   api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;
   api::JobInfo job(const std::string& id) override;
   api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) override;
-  api::JobInfo cancel_job(const std::string& id) override;
+  std::optional<api::JobInfo> cancel_job(const std::string& id) override;
   api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override;
   api::UploadInfo upload(const std::string& id) override;
   api::UploadInfo append_upload(const std::string& id, std::uint64_t offset,
@@ -85,12 +91,14 @@ class Pipeline final : public api::Service {
 
  private:
   struct State;
-  Pipeline(std::shared_ptr<State> state, std::string client) : state_(std::move(state)), client_(std::move(client)) {}
+  Pipeline(std::shared_ptr<State> state, std::string client, Scope scope)
+      : state_(std::move(state)), client_(std::move(client)), scope_(scope) {}
 
   std::string own(const std::string& key) const;
 
   std::shared_ptr<State> state_;
   std::string client_;
+  Scope scope_ = Scope::admin;
 };
 
 }  // namespace spherule::server

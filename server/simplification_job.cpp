@@ -52,7 +52,7 @@ Resource run_simplification(Store& store, const JobRecord& record, JobContext& j
   storing.report("store", 0);
   storing.throw_if_cancelled();
   watch.restart();
-  Resource resource = store.keep(info, simplified.order, watch);
+  Resource resource = store.keep(info, simplified.order, watch, storing);
   resource.request = record.request;
   resource.inputs = {request.model};
   return resource;

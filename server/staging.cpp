@@ -70,11 +70,13 @@ std::string Blob::read() const {
   return bytes;
 }
 
-void Blob::verify() const {
+void Blob::verify(const Context& context) const {
   std::vector<char> piece(std::size_t{1} << 20);
   Sha256 digest;
-  for (std::uint64_t offset = 0; const std::size_t got = read_at(offset, piece); offset += got)
+  for (std::uint64_t offset = 0; const std::size_t got = read_at(offset, piece); offset += got) {
+    context.throw_if_cancelled();
     digest.update({piece.data(), got});
+  }
   if (digest.hex() != sha256_) throw_corrupt();
 }
 

@@ -11,6 +11,7 @@
 #include <string>
 #include <string_view>
 
+#include "core/base/context.h"
 #include "server/digest.h"
 
 namespace spherule::server {
@@ -41,8 +42,8 @@ class Blob {
   /// All bytes, verified against the recorded digest. Throws corrupt when they differ.
   [[nodiscard]] std::string read() const;
 
-  /// As read(), without keeping the bytes; O(size) time, O(1) memory.
-  void verify() const;
+  /// As read(), without keeping the bytes; O(size) time, O(1) memory. Throws cancelled.
+  void verify(const Context& context = {}) const;
 
  private:
   int descriptor_;

@@ -104,41 +104,43 @@ Volume Store::stored_volume(const Resource& resource, const Context& context) co
   std::vector<Blob> open;
   for (const std::string& key : resource.blobs) {
     open.push_back(blobs.open(key));
-    open.back().verify();
+    open.back().verify(context);
   }
   return read(info.files, std::move(open), info.parameters, context);
 }
 
 std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context) {
-  return cache.get_or_load(resource.id, [&] {
-    const Permit permit(*this);
+  const auto read = [&] {
+    const Permit permit(*this, context);
     const Blob blob = blobs.open(resource.blobs.at(0));
-    blob.verify();
+    blob.verify(context);
     const auto model = std::make_shared<const SphereModel>(read_model(blob, context));
     return Cache<SphereModel>::Loaded{model, bytes_in_memory(*model)};
-  });
+  };
+  return cache.get_or_load(resource.id, read, context);
 }
 
 std::shared_ptr<const SphereModel> Store::load(const Resource& resource, std::uint32_t level, const Context& context) {
   if (level == 0) return load(resource, context);
   return std::make_shared<const SphereModel>(
-      SphereModel{.spheres = spheres_at(*load_levels(resource), level), .solid = {}});
+      SphereModel{.spheres = spheres_at(*load_levels(resource, context), level), .solid = {}});
 }
 
-std::shared_ptr<const Simplification> Store::load_levels(const Resource& resource) {
-  return levels.get_or_load(resource.id, [&] {
-    const Permit permit(*this);
+std::shared_ptr<const Simplification> Store::load_levels(const Resource& resource, const Context& context) {
+  const auto read = [&] {
+    const Permit permit(*this, context);
     const Blob blob = blobs.open(resource.blobs.at(0));
-    blob.verify();
+    blob.verify(context);
     const auto loaded = std::make_shared<const Simplification>(read_levels(blob));
     return Cache<Simplification>::Loaded{loaded, bytes_in_memory(*loaded)};
-  });
+  };
+  return levels.get_or_load(resource.id, read, context);
 }
 
 ListedParts Store::listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
                                 const Context& context) {
   ListedParts parts;
-  if (listing.needs_levels() || members) parts.levels = load_levels(resource);
+  if (listing.needs_levels() || members) parts.levels = load_levels(resource, context);
   if (listing.rows == api::SphereRows::members) {
     parts.source = load(find_model(api::model_from(resource.document).simplification->request.model), context);
   }
@@ -146,9 +148,13 @@ ListedParts Store::listed_parts(const Resource& resource, const api::SphereListi
 }
 
 Resource Store::keep(api::ModelInfo& info,
-                     const std::function<void(const std::function<void(std::string_view)>&)>& write, Stopwatch& watch) {
+                     const std::function<void(const std::function<void(std::string_view)>&)>& write, Stopwatch& watch,
+                     const Context& context) {
   const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
-  write([&](std::string_view piece) { staging->append(piece); });
+  write([&](std::string_view piece) {
+    context.throw_if_cancelled();
+    staging->append(piece);
+  });
   Resource resource;
   resource.id = info.id;
   resource.collection = models_collection;
@@ -161,9 +167,9 @@ Resource Store::keep(api::ModelInfo& info,
   return resource;
 }
 
-Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch) {
+Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch, const Context& context) {
   Resource resource = keep(
-      info, [&](const auto& append) { write_model(model, append); }, watch);
+      info, [&](const auto& append) { write_model(model, append); }, watch, context);
   cache.get_or_load(info.id, [&] {
     const std::size_t bytes = bytes_in_memory(model);
     return Cache<SphereModel>::Loaded{std::make_shared<const SphereModel>(std::move(model)), bytes};
@@ -171,9 +177,9 @@ Resource Store::keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch
   return resource;
 }
 
-Resource Store::keep(api::ModelInfo& info, const Simplification& simplified, Stopwatch& watch) {
+Resource Store::keep(api::ModelInfo& info, const Simplification& simplified, Stopwatch& watch, const Context& context) {
   return keep(
-      info, [&](const auto& append) { write_levels(simplified, append); }, watch);
+      info, [&](const auto& append) { write_levels(simplified, append); }, watch, context);
 }
 
 std::string Store::contributions_id(const std::string& model, std::uint32_t level) {
@@ -181,9 +187,9 @@ std::string Store::contributions_id(const std::string& model, std::uint32_t leve
                                             algorithm_version_text()));
 }
 
-UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& model) const {
+UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& model, const Context& context) const {
   const Blob blob = blobs.open(answer.blobs.at(0));
-  blob.verify();
+  blob.verify(context);
   UnionMeasures whole = read_union(blob);
   if (whole.parts.size() != model.spheres.size()) {
     throw Error(ErrorCode::corrupt, "The stored measures are of another model; delete the model and make it again.");
@@ -207,7 +213,7 @@ Resource Store::keep(const std::string& model, std::uint32_t level, const UnionM
 UnionMeasures Store::union_of(const Resource& resource, std::uint32_t level, const SphereModel& model,
                               const Context& context) {
   if (const auto known = catalog.find(contributions_id(resource.id, level))) try {
-      return read_union_of(*known, model);
+      return read_union_of(*known, model, context);
     } catch (const Error& error) {
       if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
       remove(known->id);

@@ -67,10 +67,14 @@ struct Store {
   /// Catalog and FileBlobStore throw.
   explicit Store(const Config& given);
 
-  /// Held while a whole volume or model is read beside the jobs: as many at once as jobs.
+  /// Held while a whole volume or model is read beside the jobs: as many at once as jobs. Throws cancelled instead of
+  /// waiting on.
   class Permit {
    public:
-    explicit Permit(Store& store) : store_(store) { store_.heavy.acquire(); }
+    Permit(Store& store, const Context& context) : store_(store) {
+      constexpr std::chrono::milliseconds look{20};
+      while (!store_.heavy.try_acquire_for(look)) context.throw_if_cancelled();
+    }
     ~Permit() { store_.heavy.release(); }
     Permit(const Permit&) = delete;
     Permit& operator=(const Permit&) = delete;
@@ -78,9 +82,6 @@ struct Store {
    private:
     Store& store_;
   };
-
-  /// For work within a request.
-  Context request_context() const { return {.threads = config.threads_per_job(), .cancel = {}, .progress = {}}; }
 
   /// Finding is using: it is noted for the retention, where there is one.
   std::optional<Resource> find_any(const std::string& id);
@@ -111,16 +112,16 @@ struct Store {
   std::shared_ptr<const SphereModel> load(const Resource& resource, const Context& context);
   std::shared_ptr<const SphereModel> load(const Resource& resource, std::uint32_t level, const Context& context);
   /// The levels of a simplified model, likewise.
-  std::shared_ptr<const Simplification> load_levels(const Resource& resource);
+  std::shared_ptr<const Simplification> load_levels(const Resource& resource, const Context& context);
   /// What rows of a listing need of a model beside its spheres and contributions.
   ListedParts listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
                            const Context& context);
   /// Makes the model's blob durable and describes it as a resource.
-  Resource keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch);
-  Resource keep(api::ModelInfo& info, const Simplification& levels, Stopwatch& watch);
+  Resource keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch, const Context& context);
+  Resource keep(api::ModelInfo& info, const Simplification& levels, Stopwatch& watch, const Context& context);
 
   static std::string contributions_id(const std::string& model, std::uint32_t level);
-  UnionMeasures read_union_of(const Resource& answer, const SphereModel& model) const;
+  UnionMeasures read_union_of(const Resource& answer, const SphereModel& model, const Context& context) const;
   /// Makes the measures of a model's union durable and describes them as a resource.
   Resource keep(const std::string& model, std::uint32_t level, const UnionMeasures& whole);
   /// As kept, or measured and kept: several answers need it, and it takes longest.
@@ -138,7 +139,7 @@ struct Store {
 
  private:
   Resource keep(api::ModelInfo& info, const std::function<void(const std::function<void(std::string_view)>&)>& write,
-                Stopwatch& watch);
+                Stopwatch& watch, const Context& context);
 };
 
 }  // namespace spherule::server

@@ -42,6 +42,11 @@ bool has_head(std::string_view in) { return in.find("\n\r\n") != in.npos || in.f
 
 Connection* Connection::current() { return answering; }
 
+bool Connection::is_gone() const {
+  pollfd what{.fd = transport_->socket(), .events = POLLRDHUP, .revents = 0};
+  return ::poll(&what, 1, 0) > 0;
+}
+
 void Connection::take_from_file(int file, std::uint64_t offset) {
   file_ = file;
   file_offset_ = offset;

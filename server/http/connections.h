@@ -36,6 +36,9 @@ class Connection final : public httplib::Stream {
   /// The one whose request this thread answers; null elsewhere. The library gives handlers no way to their stream.
   static Connection* current();
 
+  /// Whether the peer has closed its side, so that nobody waits for an answer. From any thread.
+  bool is_gone() const;
+
   /// Lets the next write() take its bytes from `file` at `offset`, whatever its pointer; null will do.
   void take_from_file(int file, std::uint64_t offset);
 

@@ -71,6 +71,7 @@ TEST(Records, OfRequestsReadBack) {
            {kModel, FileRequest{FileFormat::glb, {.glb = {.style = GlbOptions::Style::mesh}}}},
            {kModel, FileRequest{FileFormat::nifti, {.voxel_mm = 0.5}}},
            {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
+           {{}, ValuesRequest{kVolume, 17}},
            {{},
             SliceRequest{.volume = kVolume,
             .object = labels,

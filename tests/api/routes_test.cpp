@@ -297,6 +297,14 @@ TEST_F(Routes, GiveTheJobOfAModelThatIsNotDone) {
   EXPECT_EQ(response.status, 202);
   EXPECT_EQ(response.header("Location"), "/v1/jobs/" + kJob);
   EXPECT_EQ(response.header("Preference-Applied"), "wait=60") << "the cap";
+  service.awaited = false;
+  const auto applied = [&](const char* preference) {
+    const Response answer = ask("POST", "/v1/models", {.headers = {{"Prefer", preference}}, .body = kWish});
+    EXPECT_EQ(answer.status, 202);
+    return std::string(answer.header("Preference-Applied"));
+  };
+  EXPECT_EQ(applied("wait=10"), "") << "it did not wait";
+  EXPECT_EQ(applied("respond-async"), "wait=0");
   EXPECT_FALSE(response.header("Retry-After").empty());
   const Json job = body_of(response);
   EXPECT_EQ(job["state"], "running");
@@ -815,6 +823,23 @@ TEST_F(Routes, Delete) {
   EXPECT_EQ(ask("DELETE", "/v1/models/" + kVolume).status, 404);
 }
 
+TEST_F(Routes, GiveTheJobOfAHistogramThatIsNotCounted) {
+  service.finished = false;
+  for (const char* query : {"", "?format=png", "?format=svg&plot=sizes"}) {
+    const Response response = ask("GET", "/v1/volumes/" + kVolume + "/histogram" + query);
+    EXPECT_EQ(response.status, 202) << query;
+    EXPECT_EQ(response.header("Location"), "/v1/jobs/" + kJob);
+    EXPECT_EQ(service.waited, 60) << "like everything that is derived";
+  }
+}
+
+TEST_F(Routes, CancelJobsOfOnesOwn) {
+  service.may_cancel = false;
+  const Response refused = ask("POST", "/v1/jobs/" + kJob + "/cancel");
+  EXPECT_EQ(refused.status, 403);
+  EXPECT_EQ(body_of(refused)["type"], "urn:spherule:problem:forbidden");
+}
+
 TEST_F(Routes, CancelJobs) {
   EXPECT_EQ(ask("POST", "/v1/jobs/" + kJob + "/cancel").status, 202);
   service.failure.emplace(ErrorCode::conflict, "The job is over.");
@@ -847,6 +872,17 @@ TEST_F(Routes, StreamEvents) {
   EXPECT_EQ(ask("GET", "/v1/jobs/" + kJob + "/events", {.headers = {{"Last-Event-ID", "9"}}}).status, 204);
   EXPECT_EQ(ask("GET", "/v1/jobs/" + kJob + "/events", {.headers = {{"Last-Event-ID", "last"}}}).status, 400);
   EXPECT_EQ(ask("GET", "/v1/jobs/job_0/events").status, 404);
+}
+
+TEST_F(Routes, EndAStreamWhenTheServerStops) {
+  service.events.events = {{.number = 3, .type = api::JobEvent::Type::state, .state = api::JobState::running}};
+  const Response response = ask("GET", "/v1/jobs/" + kJob + "/events");
+  const auto& next = std::get<api::EventSource>(response.body);
+  std::string out;
+  EXPECT_TRUE(next(out));
+  service.events.stopping = true;
+  EXPECT_FALSE(next(out)) << "or it asks again and again";
+  EXPECT_EQ(out.find("event: end"), out.npos) << "the job has not ended";
 }
 
 TEST_F(Routes, KeepAStreamAliveWithComments) {

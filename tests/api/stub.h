@@ -31,6 +31,8 @@ class StubService final : public api::Service {
   bool already_stored = true;  ///< what uploads and models say
   std::optional<Error> failure;
   bool defect = false;
+  bool may_cancel = true;
+  bool awaited = true;  ///< what the job of a model says
   api::JobEvents events;
 
   // What was asked.
@@ -126,6 +128,7 @@ class StubService final : public api::Service {
     j.started = api::Time(std::chrono::seconds(1'700'000'000));
     j.elapsed_s = 2;
     j.remaining_s = 2;
+    j.awaited = true;
     return j;
   }
   // Of a raw model, with more components than are listed.
@@ -177,7 +180,8 @@ class StubService final : public api::Service {
     announced = bytes;
     return std::make_unique<StubUpload>(*this);
   }
-  api::StoredVolume store_volume(std::unique_ptr<api::Upload>, const api::VolumeParameters& given) override {
+  api::StoredVolume store_volume(std::unique_ptr<api::Upload>, const api::VolumeParameters& given,
+                                 const api::Gone&) override {
     obey();
     parameters = given;
     return {volume_info(), already_stored};
@@ -195,8 +199,11 @@ class StubService final : public api::Service {
     known(id == kVolume && index < 2);
     return content("0123456789");
   }
-  std::vector<std::uint64_t> value_histogram(const std::string& id, std::size_t buckets) override {
+  api::Outcome<std::vector<std::uint64_t>> value_histogram(const std::string& id, std::size_t buckets,
+                                                           Seconds wait) override {
     known(id == kVolume);
+    waited = wait.count();
+    if (!finished) return job_info();
     return std::vector<std::uint64_t>(buckets, 7);
   }
   void delete_volume(const std::string& id) override {
@@ -207,7 +214,11 @@ class StubService final : public api::Service {
     obey();
     made = request;
     waited = wait.count();
-    if (!finished) return job_info();
+    if (!finished) {
+      api::JobInfo job = job_info();
+      job.awaited = awaited;
+      return job;
+    }
     return api::StoredModel{model_info(), already_stored};
   }
   api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override {
@@ -327,15 +338,16 @@ class StubService final : public api::Service {
   }
   api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds) override {
     known(id == kJob);
-    api::JobEvents later{.events = {}, .over = events.over};
+    api::JobEvents later{.events = {}, .over = events.over, .stopping = events.stopping};
     for (const auto& event : events.events) {
       if (event.number > after) later.events.push_back(event);
     }
     return later;
   }
-  api::JobInfo cancel_job(const std::string& id) override {
+  std::optional<api::JobInfo> cancel_job(const std::string& id) override {
     obey();
     known(id == kJob);
+    if (!may_cancel) return {};
     return job_info();
   }
   api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override {

@@ -493,13 +493,15 @@ TEST_F(Service, SharesTheJobOfEqualRequestsAndCancelsIt) {
     return client().post("/v1/models",
                          {.body = Json{{"volume", big}, {"threshold", threshold}}.dump(), .type = "application/json"});
   };
-  const Answer running = start(10.5), queued = start(20.5), joined = start(20.5);
+  const Answer running = start(10.5), queued = start(20.5);
+  Answer joined;
+  for (int i = 0; i < 10; ++i) joined = start(20.5);
   ASSERT_EQ(running.status, 202);
   ASSERT_EQ(queued.status, 202);
   EXPECT_EQ(queued.header("Location"), joined.header("Location"));
   EXPECT_NE(queued.header("Location"), running.header("Location"));
-  EXPECT_EQ(client().post(queued.header("Location") + "/cancel").json()["state"], "queued") << "one still wants it";
-  EXPECT_EQ(client().post(queued.header("Location") + "/cancel").json()["state"], "cancelled");
+  EXPECT_EQ(client().post(queued.header("Location") + "/cancel").json()["state"], "cancelled")
+      << "one client, one cancel";
   EXPECT_EQ(client().post(running.header("Location") + "/cancel").status, 202);
   client().get(running.header("Location") + "/events");
   EXPECT_EQ(client().get(running.header("Location")).json()["state"], "cancelled");

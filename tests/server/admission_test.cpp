@@ -197,7 +197,7 @@ TEST_F(Admission, AJobThatGaveItsTurnBackCanBeCancelled) {
   const JobStatus grows = pool.submit("model", "grows", "", "b", 10);
   await_started(2);
   await(pool, grows, JobState::queued);
-  EXPECT_EQ(pool.cancel(grows.record.id).record.state, JobState::cancelled);
+  EXPECT_EQ(pool.cancel(grows.record.id, "b")->record.state, JobState::cancelled);
   EXPECT_EQ(pool.load().memory_bytes, 40U);
 }
 
@@ -267,7 +267,7 @@ TEST_F(Admission, CancellingTheNextLetsTheOneAfterStart) {
   await_started(1);
   const JobStatus large = pool.submit("model", "50", "", "b", 50);
   pool.submit("model", "10", "", "c", 10);
-  pool.cancel(large.record.id);
+  pool.cancel(large.record.id, "b");
   EXPECT_EQ(await_started(2), (Names{"60", "10"}));
 }
 

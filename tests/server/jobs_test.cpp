@@ -12,6 +12,7 @@
 #include <set>
 #include <thread>
 
+#include "core/base/check.h"
 #include "server/sqlite.h"
 #include "tests/server/doubles.h"
 
@@ -86,7 +87,7 @@ TEST_F(Jobs, SucceedsWithADurableResult) {
   JobPool pool({}, catalog, blobs, at_once());
   const JobStatus accepted = pool.submit("model", "mdl_1", "{}");
   EXPECT_TRUE(is_id("job", accepted.record.id));
-  EXPECT_EQ(accepted.record.requesters, 1U);
+  EXPECT_EQ(accepted.record.requesters, std::set<std::string>{""});
   const JobStatus done = pool.wait(accepted.record.id, forever);
   EXPECT_EQ(done.record.state, JobState::succeeded);
   EXPECT_EQ(done.record.progress, 1);
@@ -168,17 +169,17 @@ TEST_F(Jobs, NobodyWaitsForAnotherJobToBeStored) {
   {
     sqlite::Connection other(folder.path() / "catalog.sqlite", sqlite::Connection::Mode::write);
     other.run("BEGIN IMMEDIATE");
-    std::jthread submits([&] { second = pool.submit("model", "b", "").record.id; });
+    std::jthread submits([&] { second = pool.submit("model", "b", "", "ann").record.id; });
     const auto late = std::chrono::steady_clock::now() + 4s;  // before the catalogue gives up
     while (pool.load().queued == 0 && std::chrono::steady_clock::now() < late) std::this_thread::yield();
     EXPECT_EQ(pool.load().queued, 1U);
     EXPECT_EQ(pool.status(first).record.state, JobState::succeeded);
     EXPECT_TRUE(pool.events(first, 0, 0ms).over);
-    std::jthread joins([&] { same = pool.submit("model", "b", "").record.id; });
+    std::jthread joins([&] { same = pool.submit("model", "b", "", "ben").record.id; });
     other.run("ROLLBACK");
   }
   EXPECT_EQ(second, same);
-  EXPECT_EQ(pool.status(second).record.requesters, 2U);
+  EXPECT_EQ(pool.status(second).record.requesters, (std::set<std::string>{"ann", "ben"}));
   gate.open();
   EXPECT_EQ(pool.wait(second, forever).record.state, JobState::succeeded);
 }
@@ -191,12 +192,13 @@ TEST_F(Jobs, IdenticalRequestsShareOneJob) {
     gate.pass(context.context(0, 1));
     return result_of(job);
   });
-  const std::string id = pool.submit("model", "same", "").record.id;
+  const std::string id = pool.submit("model", "same", "", "ann").record.id;
   await_state(pool, id, JobState::running);
-  const JobStatus joined = pool.submit("model", "same", "");
+  const JobStatus joined = pool.submit("model", "same", "", "ben");
+  const std::set<std::string> both{"ann", "ben"};
   EXPECT_EQ(joined.record.id, id);
-  EXPECT_EQ(joined.record.requesters, 2U);
-  EXPECT_EQ(catalog.find_job(id)->requesters, 2U);
+  EXPECT_EQ(joined.record.requesters, both);
+  EXPECT_EQ(catalog.find_job(id)->requesters, both);
   gate.open();
   EXPECT_EQ(pool.wait(id, forever).record.state, JobState::succeeded);
   EXPECT_EQ(runs, 1);
@@ -211,34 +213,116 @@ TEST_F(Jobs, IdenticalRequestsShareOneJob) {
 TEST_F(Jobs, CancellingDetachesAndStopsWithTheLast) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit("model", "a", "", "ann").record.id;
   await_state(pool, id, JobState::running);
-  pool.submit("model", "a", "");
-  EXPECT_EQ(pool.cancel(id).record.state, JobState::running);
-  EXPECT_EQ(pool.status(id).record.requesters, 1U);
-  EXPECT_EQ(pool.cancel(id).record.state, JobState::cancelling);
+  pool.submit("model", "a", "", "ben");
+  EXPECT_EQ(pool.cancel(id, "ann")->record.state, JobState::running);
+  EXPECT_EQ(pool.status(id).record.requesters, std::set<std::string>{"ben"});
+  EXPECT_EQ(pool.cancel(id, "ben")->record.state, JobState::cancelling);
   EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled);
   EXPECT_EQ(catalog.find_job(id)->state, JobState::cancelled);
-  EXPECT_EQ(error_of([&] { pool.cancel(id); }), ErrorCode::conflict);
+  EXPECT_EQ(error_of([&] { pool.cancel(id, "ben"); }), ErrorCode::conflict);
   EXPECT_FALSE(catalog.find("a"));
   EXPECT_TRUE(blobs.keys().empty());
 }
 
-TEST_F(Jobs, AClientThatPollsIsOneRequester) {
+TEST_F(Jobs, AClientIsOneRequesterHoweverOftenItAsks) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const auto poll = [&](const char* client) { return pool.submit("render", "a", "", client, 0, true).record; };
-  const std::string id = poll("ann").id;
+  const auto ask = [&](const char* client) { return pool.submit("render", "a", "", client).record; };
+  const std::string id = ask("ann").id;
   await_state(pool, id, JobState::running);
-  EXPECT_EQ(poll("ann").requesters, 1U);
-  EXPECT_EQ(poll("ben").requesters, 2U);
-  EXPECT_EQ(poll("ben").requesters, 2U);
-  EXPECT_EQ(pool.cancel(id, "ann").record.requesters, 1U);
-  EXPECT_EQ(poll("ben").requesters, 1U) << "still one of them";
-  EXPECT_EQ(poll("ann").requesters, 2U) << "one that left may come back";
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(ask("ann").requesters.size(), 1U);
+  EXPECT_EQ(ask("ben").requesters.size(), 2U);
+  EXPECT_EQ(ask("ben").requesters.size(), 2U);
+  EXPECT_EQ(pool.cancel(id, "ann")->record.requesters, std::set<std::string>{"ben"});
+  EXPECT_FALSE(pool.cancel(id, "ann")) << "it wants nothing any more";
+  EXPECT_EQ(ask("ann").requesters.size(), 2U) << "one that left may come back";
   pool.cancel(id, "ann");
-  EXPECT_EQ(pool.cancel(id, "ben").record.state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel(id, "ben")->record.state, JobState::cancelling);
   EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled);
+}
+
+TEST_F(Jobs, OnlyRequestersCancel) {
+  Gate gate;
+  std::string running, queued;
+  {
+    JobPool pool({}, catalog, blobs, behind(gate));
+    running = pool.submit("model", "a", "", "ann").record.id;
+    pool.submit("model", "a", "", "ben");
+    await_state(pool, running, JobState::running);
+    queued = pool.submit("model", "b", "", "ann").record.id;
+    for (const std::string& id : {running, queued}) {
+      EXPECT_FALSE(pool.cancel(id, "eve"));
+      EXPECT_FALSE(is_over(pool.status(id).record.state));
+    }
+  }
+  // The next process knows who they were.
+  JobPool pool({}, catalog, blobs, behind(gate));
+  await_state(pool, running, JobState::running);
+  EXPECT_FALSE(pool.cancel(running, "eve"));
+  EXPECT_EQ(pool.cancel(running, "ben")->record.requesters, std::set<std::string>{"ann"});
+  EXPECT_EQ(pool.cancel_for_all(running).record.state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel_for_all(queued).record.state, JobState::cancelled);
+  EXPECT_EQ(error_of([&] { pool.cancel_for_all(queued); }), ErrorCode::conflict);
+  EXPECT_EQ(error_of([&] { pool.cancel_for_all("job_none"); }), ErrorCode::not_found);
+  EXPECT_EQ(pool.wait(running, forever).record.state, JobState::cancelled);
+}
+
+TEST_F(Jobs, AJobThatRunsTooLongFailsAndMakesRoom) {
+  Gate never;
+  JobPool pool({.longest_run = 30ms}, catalog, blobs, [&](const JobRecord& job, JobContext& context) {
+    if (job.result_id == "odd") {
+      never.pass(context.context(0, 1));
+    } else if (job.result_id == "endless") {
+      std::condition_variable_any stopped;
+      std::mutex mutex;
+      std::unique_lock lock(mutex);
+      stopped.wait(lock, context.context(0, 1).cancel, [] { return false; });
+      throw std::runtime_error("libraries report an interruption in ways of their own");
+    }
+    return result_of(job);
+  });
+  for (const char* work : {"odd", "endless"}) {
+    const JobStatus late = pool.wait(pool.submit("model", work, "").record.id, forever);
+    EXPECT_EQ(late.record.state, JobState::failed);
+    ASSERT_TRUE(late.record.error);
+    EXPECT_EQ(late.record.error->code, ErrorCode::too_large);
+    EXPECT_NE(late.record.error->sentence.find("after 1 s"), std::string::npos) << late.record.error->sentence;
+    EXPECT_NE(late.record.error->sentence.find("max_job_s"), std::string::npos);
+  }
+  EXPECT_EQ(pool.wait(pool.submit("model", "quick", "").record.id, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.load().running, 0U);
+}
+
+TEST_F(Jobs, WorkWithoutPurposeEndsWithTheReason) {
+  Gate never, gate;
+  JobPool pool({.jobs_at_once = 2}, catalog, blobs, [&](const JobRecord& job, JobContext& context) {
+    (job.request == "vol_1" ? never : gate).pass(context.context(0, 1));
+    return result_of(job);
+  });
+  const std::string gone = pool.submit("model", "a", "vol_1").record.id;
+  const std::string other = pool.submit("model", "b", "vol_2").record.id;
+  await_state(pool, gone, JobState::running);
+  await_state(pool, other, JobState::running);
+  const std::string queued = pool.submit("model", "c", "vol_1").record.id;
+  const std::string last = pool.submit("model", "d", "vol_2").record.id;
+  JobState heard{};
+  {
+    std::jthread waiter([&] { heard = pool.wait(gone, forever).record.state; });
+    pool.abandon([](const JobRecord& job) { return job.request == "vol_1"; },
+                 {ErrorCode::conflict, "What it is made from was deleted."});
+  }
+  EXPECT_EQ(heard, JobState::failed);
+  for (const std::string& id : {gone, queued}) {
+    const JobStatus over = pool.wait(id, forever);
+    EXPECT_EQ(over.record.state, JobState::failed);
+    EXPECT_EQ(over.record.error->code, ErrorCode::conflict);
+    EXPECT_EQ(catalog.find_job(id)->error->sentence, "What it is made from was deleted.");
+  }
+  gate.open();
+  EXPECT_EQ(pool.wait(other, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(last, forever).record.state, JobState::succeeded);
 }
 
 TEST_F(Jobs, AQueuedJobIsCancelledAtOnce) {
@@ -247,7 +331,7 @@ TEST_F(Jobs, AQueuedJobIsCancelledAtOnce) {
   const std::string running = pool.submit("model", "a", "").record.id;
   await_state(pool, running, JobState::running);
   const std::string waiting = pool.submit("model", "b", "").record.id;
-  EXPECT_EQ(pool.cancel(waiting).record.state, JobState::cancelled);
+  EXPECT_EQ(pool.cancel(waiting)->record.state, JobState::cancelled);
   EXPECT_EQ(pool.load().queued, 0U);
   EXPECT_EQ(pool.status(running).record.state, JobState::running);
   EXPECT_FALSE(error_of([&] { pool.submit("model", "b", ""); })) << "its place is free again";
@@ -266,8 +350,8 @@ TEST_F(Jobs, ARequestAfterCancellingStartsAnew) {
   });
   const std::string id = pool.submit("model", "a", "").record.id;
   entered.wait();
-  EXPECT_EQ(pool.cancel(id).record.state, JobState::cancelling);
-  EXPECT_EQ(pool.cancel(id).record.state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel(id)->record.state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel(id)->record.state, JobState::cancelling);
   const std::string again = pool.submit("model", "a", "").record.id;
   EXPECT_NE(again, id);
   EXPECT_EQ(pool.wait(again, forever).record.state, JobState::succeeded);
@@ -406,6 +490,96 @@ TEST_F(Jobs, StoppingLetsRunningJobsFinishWithinTheGrace) {
   pool.stop(forever);
   EXPECT_EQ(pool.status(running).record.state, JobState::succeeded);
   EXPECT_EQ(pool.status(queued).record.state, JobState::queued);
+}
+
+TEST_F(Jobs, StreamsEndWhenThePoolStops) {
+  Gate gate;
+  JobPool pool({}, catalog, blobs, behind(gate));
+  const std::string id = pool.submit("model", "a", "").record.id;
+  await_state(pool, id, JobState::running);
+  const std::uint64_t last = pool.events(id, 0, 0ms).events.back().number;
+  EXPECT_FALSE(pool.events(id, last, 0ms).stopping);
+  std::jthread stops([&] { pool.stop(forever); });
+  while (!pool.load().stopping) std::this_thread::yield();
+  const JobEvents none = pool.events(id, last, forever);
+  EXPECT_TRUE(none.stopping) << "or whoever follows asks again and again";
+  EXPECT_FALSE(none.over);
+  gate.open();
+  pool.wait(id, forever);
+}
+
+// A stage that does not hear a stop holds up neither the process nor its own next run.
+TEST_F(Jobs, StoppingDoesNotWaitForTheDeaf) {
+  std::latch entered(1), heard(1);
+  JobPool pool({}, catalog, blobs, [&](const JobRecord& job, JobContext&) {
+    entered.count_down();
+    heard.wait();
+    return result_of(job);
+  });
+  const std::string id = pool.submit("model", "a", "").record.id;
+  entered.wait();
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_FALSE(pool.stop(0ms));
+  EXPECT_GE(std::chrono::steady_clock::now() - start, 500ms) << "it had its chance";
+  EXPECT_EQ(catalog.find_job(id)->state, JobState::queued) << "not its fault";
+  heard.count_down();
+}
+
+// Everything that may be thrown at a worker, thrown.
+TEST_F(Jobs, NothingThatIsThrownEndsTheProcess) {
+  std::atomic<int> ends{0};
+  JobPool pool(
+      {}, catalog, blobs,
+      [&](const JobRecord& job, JobContext&) -> Resource {
+        if (job.request == "int") throw 7;
+        if (job.request == "defect") SPHERULE_CHECK(false);
+        if (job.request == "memory") throw std::bad_alloc();
+        if (job.request == "other id") return {};
+        return result_of(job);
+      },
+      [](const std::string&, const std::string&) { throw std::runtime_error("the log is full"); },
+      [&](const JobRecord&) {
+        ++ends;
+        throw std::runtime_error("the log is full");
+      });
+  const std::vector<const char*> fates = {"int", "defect", "memory", "other id"};
+  for (const char* fate : fates)
+    EXPECT_EQ(pool.wait(pool.submit("model", fate, fate).record.id, forever).record.state, JobState::failed) << fate;
+  EXPECT_EQ(pool.wait(pool.submit("model", "good", "").record.id, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(ends, 5);
+}
+
+TEST_F(Jobs, TheSecondCrashIsTheLastAndBlamesNobodyElse) {
+  const auto leave = [&](const char* id, JobState state, unsigned crashes) {
+    JobRecord job;
+    job.id = id;
+    job.kind = "model";
+    job.result_id = std::string("mdl_") + id;
+    job.request = id;
+    job.state = state;
+    job.crashes = crashes;
+    job.created = now();
+    catalog.add_job(job);
+  };
+  leave("twice", JobState::running, 1);
+  leave("once", JobState::running, 0);
+  leave("beside", JobState::running, 0);
+  leave("new", JobState::queued, 0);
+  std::atomic<int> at_work{0}, most_with_suspects{0};
+  const JobPool pool({.jobs_at_once = 4}, catalog, blobs, [&](const JobRecord& job, JobContext&) {
+    const int now_at_work = ++at_work;
+    if (job.crashes > 0) most_with_suspects = std::max(most_with_suspects.load(), now_at_work);
+    for (int i = 0; i < 1000; ++i) std::this_thread::yield();
+    if (job.crashes > 0) most_with_suspects = std::max(most_with_suspects.load(), at_work.load());
+    --at_work;
+    return result_of(job);
+  });
+  const JobStatus failed = pool.status("twice");
+  EXPECT_EQ(failed.record.state, JobState::failed);
+  EXPECT_NE(failed.record.error->sentence.find(" 2 times"), std::string::npos) << failed.record.error->sentence;
+  for (const char* id : {"once", "beside", "new"})
+    EXPECT_EQ(pool.wait(id, forever).record.state, JobState::succeeded) << id;
+  EXPECT_EQ(most_with_suspects, 1) << "what may have ended the process runs alone";
 }
 
 TEST_F(Jobs, TakesUpWhatACrashLeft) {
