@@ -112,15 +112,15 @@ class Cancel : public testing::Test {
       const Json wish{{"fixed", model}, {"moving", moving}, {"transform", transform}, {"k", 100}};
       all.push_back({std::string("registration ") + transform, "POST", "/v1/registrations", wish.dump()});
     }
-    all.push_back({"before and after", "GET", registration + "/render?width=1500&height=1500"});
+    all.push_back({"before and after", "GET", registration + "/render?width=600&height=600"});
     all.push_back({"apply to the model", "GET", registration + "/apply?what=model"});
     all.push_back({"apply to the volume", "GET", registration + "/apply?what=volume"});
     for (const char* what : {"/measures", "/checks", "/spheres?order=contribution"})
       all.push_back({what, "GET", at + what});
     for (const char* style : {"spheres", "blobs", "tetrahedra", "surface", "points", "centres"}) {
-      all.push_back({style, "GET", at + "/render?width=1500&height=1500&style=" + style});
+      all.push_back({style, "GET", at + "/render?width=600&height=600&style=" + style});
     }
-    all.push_back({"turntable", "GET", at + "/render?width=400&height=400&turntable=20"});
+    all.push_back({"turntable", "GET", at + "/render?width=400&height=400&turntable=10"});
     for (const char* table : {"csv", "npy", "ply", "vtp"}) all.push_back({table, "GET", at + "/exports/" + table});
     all.push_back({"listed csv", "GET", at + "/exports/csv?columns=share,rank&order=contribution"});
     for (const char* file : {"liggghts", "lammps", "yade", "xyz", "pqr", "glb?style=mesh", "vdb", "nifti"}) {
