@@ -13,17 +13,14 @@ and forms name. In the end the server must still answer, stop with status 0, and
 report and no patient. Prints what broke that, with its number; the status is 0 when nothing did.
 Needs python3-yaml.
 """
-import atexit
 import collections
 import copy
 import gzip
 import io
 import json
-import pathlib
 import random
 import re
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
@@ -32,7 +29,7 @@ import urllib.parse
 import warnings
 import zipfile
 
-import yaml
+from hostile import BALL, SEEDS, Broken, Server, check_answer, read_answer, request_bytes
 
 warnings.filterwarnings("ignore", "Duplicate name")  # which an archive may have
 
@@ -41,13 +38,8 @@ REQUESTS = int(sys.argv[2]) if len(sys.argv) > 2 else 100000
 SEED = sys.argv[3] if len(sys.argv) > 3 else "1"
 THREADS = 3
 REFRESH = 1000  # requests after which what was deleted is there again
-PATIENT = b"DOE^JANE"
-CORPUS = pathlib.Path(__file__).parent / "corpus"
-
-# What answers never say. Ours are "std::", types and sources; no generator writes one of them.
-LEAKS = re.compile(rb"/(usr|home|root|proc|tmp|var|dev|work|core|server)/|\.cpp\b|\.h:\d|std::|spherule::|nlohmann|httplib|sqlite|SELECT |"
-                   rb"json\.exception|basic_string|0x7f[0-9a-f]{6}|catalog\.sqlite|blobs/|" + PATIENT)
-MAY_SAY_MORE = ("/content", "/docs", "/openapi.yaml")
+FLAGS = ["--max-image-pixels", "20000", "--max-body-bytes", str(1 << 20), "--max-decompressed-bytes", str(1 << 22), "--max-voxels", str(1 << 20),
+         "--queue-length", "100000", "--queue-per-client", "100000", "--max-wait-s", "2", "--keep-jobs", "10m", "--threads", "1"]
 
 EVIL_JSON = [None, True, False, 0, -1, 1, 2**31, 2**53 + 1, 2**64, -(2**63), 1e308, -1e308, 5e-324, 0.1, "", "x", "x" * 5000, "\0", "\u202e",
              "\U0001f9b4", [], {}, [[]], [0] * 2000, {"": ""}, {"a": {"b": {"c": [1]}}}, "60.5", "vol_" + "0" * 32, "mdl_" + "f" * 32]
@@ -69,104 +61,6 @@ EVIL_HEADERS += [("Expect", "100-continue"), ("Expect", "x"), ("Connection", "cl
                  ("Tus-Resumable", "0.2"), ("Upload-Offset", "-1"), ("Upload-Offset", "3"), ("Upload-Length", "x"), ("Upload-Length", "99999999999999999999"),
                  ("Upload-Metadata", "filename"), ("Upload-Metadata", "filename !!"), ("Upload-Metadata", "filename RE9FXkpBTkU="), ("Last-Event-ID", "x"),
                  ("Last-Event-ID", "99999999999999999999"), ("Origin", "null"), ("X" * 300, "y"), ("Cookie", "a=b" * 1000), ("Authorization", "Bearer sph_0")]
-
-
-class Broken(Exception):
-    """What an answer should not be."""
-
-
-def read_answer(stream, method):
-    """One answer of HTTP/1.1: status, headers (lower case), body, whether the connection stays."""
-    while True:
-        line = stream.readline(65536)
-        if not line:
-            raise EOFError
-        if not re.fullmatch(rb"HTTP/1\.1 [1-5]\d\d [ -~]*\r\n", line):
-            raise Broken("no status line: %r" % line[:80])
-        status, headers = int(line[9:12]), {}
-        while (line := stream.readline(65536)) not in (b"\r\n", b""):
-            name, colon, value = line.partition(b":")
-            if not colon or not line.endswith(b"\r\n"):
-                raise Broken("no header: %r" % line[:80])
-            headers[name.decode("latin-1").lower()] = value.strip().decode("latin-1")
-        if status != 100:
-            break
-    stays = headers.get("connection", "").lower() != "close"
-    if method == "HEAD" or status in (204, 304):
-        return status, headers, b"", stays
-    if headers.get("transfer-encoding") == "chunked":
-        body = b""
-        while size := int(stream.readline(100).split(b";")[0], 16):
-            body += stream.read(size)
-            stream.read(2)
-        stream.readline(100)
-        return status, headers, body, stays
-    body = stream.read(int(headers.get("content-length", 0)))
-    if len(body) < int(headers.get("content-length", 0)):
-        raise Broken("a body that is cut")
-    return status, headers, body, stays
-
-
-class Server:
-    def __init__(self, folder):
-        self.folder = folder
-        self.log_file = folder + "/log"
-        flags = ["--max-image-pixels", "20000", "--max-body-bytes", str(1 << 20), "--max-decompressed-bytes", str(1 << 22), "--max-voxels", str(1 << 20),
-                 "--queue-length", "100000", "--queue-per-client", "100000", "--max-wait-s", "2", "--keep-jobs", "10m", "--threads", "1"]
-        self.process = subprocess.Popen([SERVER, "--port", "0", "--data", folder + "/data", *flags], stdout=subprocess.PIPE,
-                                        stderr=open(self.log_file, "wb"))
-        atexit.register(self.process.kill)  # whatever ends this
-        self.port = int(self.process.stdout.readline().rsplit(b":", 1)[1])
-        self.contract = yaml.safe_load(self.ask("GET", "/openapi.yaml")[2])
-        self.refresh()
-
-    def connect(self):
-        link = socket.create_connection(("127.0.0.1", self.port), timeout=120)
-        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return link
-
-    def ask(self, method, target, body=b"", **headers):
-        with self.connect() as link:
-            link.sendall(request_bytes(method, target, [(name.replace("_", "-"), value) for name, value in headers.items()], body))
-            return read_answer(link.makefile("rb"), method)
-
-    def make(self, target, body, **headers):
-        for _ in range(600):
-            status, _, data, _ = self.ask("POST", target, body, Prefer="wait=2", **headers)
-            if status in (200, 201):
-                return json.loads(data)["id"]
-            if status != 202:
-                raise Broken("no %s: %d %r" % (target, status, data[:300]))
-        raise Broken("no %s in time" % target)
-
-    def refresh(self):
-        """What requests are about; the same ids each time, but those of the job and the upload."""
-        ids = {}
-        ids["volume"] = self.make("/v1/volumes?format=raw&dims=8,8,8&dtype=uint8", BALL)
-        wish = lambda **fields: json.dumps(fields).encode()
-        ids["model"] = self.make("/v1/models", wish(volume=ids["volume"], threshold=100), Content_Type="application/json")
-        ids["other"] = self.make("/v1/models", b"x,y,z,r\n0,0,0,2\n3,0,0,2\n0,3,0,1\n", Content_Type="text/csv")
-        ids["simple"] = self.make("/v1/models/%s/simplifications" % ids["model"], wish(method="best", k=5), Content_Type="application/json")
-        ids["registration"] = self.make("/v1/registrations", wish(fixed=ids["model"], moving=ids["simple"], transform="similarity"),
-                                        Content_Type="application/json")
-        job = self.ask("GET", "/v1/jobs?limit=1")[2]
-        ids["job"] = json.loads(job)["jobs"][0]["id"]
-        ids["upload"] = json.loads(self.ask("POST", "/v1/uploads", Tus_Resumable="1.0.0", Upload_Length="1000")[2])["id"]
-        self.ids = ids
-
-
-BALL = bytes(max(0, int(200 - 100 * ((x - 3.6) ** 2 + (y - 3.4) ** 2 + (z - 3.5) ** 2) ** 0.5 / 2.4)) for z in range(8) for y in range(8) for x in range(8))
-
-
-def request_bytes(method, target, headers, body):
-    names = {name.lower() for name, _ in headers}
-    head = "%s %s HTTP/1.1\r\n" % (method, target)
-    if "host" not in names:
-        head += "Host: s\r\n"
-    if (body or method in ("POST", "PATCH")) and not names & {"content-length", "transfer-encoding"}:
-        head += "Content-Length: %d\r\n" % len(body)
-    head += "".join("%s: %s\r\n" % header for header in headers)
-    return (head + "\r\n").encode("utf-8", "surrogateescape") + body
 
 
 class Generator:
@@ -388,9 +282,6 @@ class Generator:
         return method, self.spoil(data[:head]) + data[head:] if self.chance(0.6) else self.spoil(data), False
 
 
-SEEDS = {folder.name: [file.read_bytes() for file in sorted(folder.iterdir())] for folder in CORPUS.iterdir() if folder.is_dir()}
-
-
 class Asker(threading.Thread):
     def __init__(self, server, numbers, tally, findings):
         super().__init__()
@@ -430,39 +321,13 @@ class Asker(threading.Thread):
                     raise Broken("no answer to a whole request")
         return None
 
-    def check(self, method, data, answer):
-        status, headers, body, _ = answer
-        packing = headers.get("content-encoding")
-        if packing == "gzip":
-            body = gzip.decompress(body)
-        elif packing == "zstd":  # which Python does not unpack
-            body = b'{"status": %d, "type": "?", "detail": "?."}' % status
-        target = data.split(b"\r\n", 1)[0].decode("latin-1")
-        if status >= 500 and status not in (503, 507):
-            raise Broken("status %d" % status)
-        if status in (429, 503) and "retry-after" not in headers:
-            raise Broken("status %d without Retry-After" % status)
-        if status >= 400 and method != "HEAD" and not target.startswith("HEAD"):
-            if headers.get("content-type") != "application/problem+json":
-                raise Broken("status %d without a problem document" % status)
-            problem = json.loads(body)
-            if problem["status"] != status or not problem["type"] or not problem["detail"].endswith("."):
-                raise Broken("a problem document that is not one")
-        said = "\r\n".join("%s: %s" % h for h in headers.items()).encode("latin-1")
-        if not any(part in target for part in MAY_SAY_MORE):
-            said += body
-        if leak := LEAKS.search(said):
-            raise Broken("says %r in %r" % (leak.group(), said[max(0, leak.start() - 60):leak.end() + 60]))
-        if self.server.folder.encode() in said:
-            raise Broken("names its folder")
-
     def run(self):
         for i in self.numbers:
             method, data, whole = Generator(self.server, i).generate()
             try:
                 answer = self.exchange(method, data, whole)
                 if answer is not None:
-                    self.check(method, data, answer)
+                    check_answer(method, data.split(b"\r\n", 1)[0].decode("latin-1"), answer, self.server.folder)
                 self.tally[answer[0] if answer else "closed"] += 1
             except Exception as problem:  # whatever it is, it is a finding
                 self.close()
@@ -474,7 +339,7 @@ class Asker(threading.Thread):
 
 def main():
     with tempfile.TemporaryDirectory() as folder:
-        server = Server(folder)
+        server = Server(SERVER, folder, FLAGS)
         tally, findings, begun = collections.Counter(), [], time.monotonic()
         for first in range(0, REQUESTS, REFRESH):
             last = min(first + REFRESH, REQUESTS)
@@ -488,15 +353,10 @@ def main():
             server.refresh()
             if last % 10000 == 0:
                 print("%6d requests in %5.0f s, %d findings" % (last, time.monotonic() - begun, len(findings)), flush=True)
-        server.process.terminate()
-        ended = server.process.wait(120)
-        log = open(server.log_file, "rb").read()
+        ended = server.stop()
+        findings += ["The log has: " + fault for fault in server.faults()]
         for finding in findings[:50]:
             print(finding)
-        for sign in (b'"event":"fault"', b"Sanitizer", b"runtime error", PATIENT):
-            if at := log.find(sign) + 1:
-                findings.append(sign)
-                print("The log has:", log[max(0, at - 200):at + 3000].decode("utf-8", "replace"))
         print("answers:", dict(sorted(tally.items(), key=str)), "- ended with", ended, "- findings:", len(findings))
         sys.exit(1 if findings or ended != 0 else 0)
 
