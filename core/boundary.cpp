@@ -8,6 +8,7 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/crossings.h"
 
 namespace spherule {
 
@@ -171,18 +172,10 @@ bool touches_border(const SampleBits& inside) {
   return std::ranges::adjacent_find(points) == points.end();
 }
 
-}  // namespace
-
-BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
-                                std::size_t max_points, const Context& context) {
-  SPHERULE_CHECK(samples.inside.dims() == volume.grid.dims);
-  BoundaryPoints boundary{
-      .lattice = make_lattice(volume.grid), .points = {}, .touches_border = touches_border(samples.inside)};
-  const CrossedEdges edges(samples, rule.border);
+// Where the crossings of each piece of rows begin, and how many there are.
+std::vector<std::size_t> first_of_pieces(const CrossedEdges& edges, const Context& context) {
   const std::size_t rows = edges.row_count();
-  const std::size_t pieces = (rows + kRowsPerPiece - 1) / kRowsPerPiece;
-
-  std::vector<std::size_t> start(pieces + 1, 0);
+  std::vector<std::size_t> start((rows + kRowsPerPiece - 1) / kRowsPerPiece + 1, 0);
   parallel_for(context, {}, rows, kRowsPerPiece, [&](std::size_t begin, std::size_t end) {
     std::size_t n = 0;
     for (std::size_t r = begin; r < end; ++r) {
@@ -193,6 +186,23 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
     start[begin / kRowsPerPiece + 1] = n;
   });
   std::partial_sum(start.begin(), start.end(), start.begin());
+  return start;
+}
+
+}  // namespace
+
+std::size_t count_boundary_points(const InsideSamples& samples, Border border, const Context& context) {
+  return first_of_pieces(CrossedEdges(samples, border), context).back();
+}
+
+BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
+                                std::size_t max_points, const Context& context) {
+  SPHERULE_CHECK(samples.inside.dims() == volume.grid.dims);
+  BoundaryPoints boundary{
+      .lattice = make_lattice(volume.grid), .points = {}, .touches_border = touches_border(samples.inside)};
+  const CrossedEdges edges(samples, rule.border);
+  const std::size_t rows = edges.row_count();
+  const std::vector<std::size_t> start = first_of_pieces(edges, context);
   const std::size_t crossings = start.back();
   if (crossings > max_points) {
     throw Error(ErrorCode::too_large, "The object's surface has " + std::to_string(crossings) +

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <variant>
 
 #include "core/io/export_grids.h"
 
@@ -10,12 +11,21 @@ namespace spherule::server {
 
 namespace {
 
-// Measured: 480 to 667 bytes a point (ct-head, abdomen-ct, engine, ch2), most of it CGAL's triangulation.
-constexpr std::uint64_t bytes_a_point = 700;
-// Measured on engine: 144 bytes a tetrahedron while the union is measured.
-constexpr std::uint64_t bytes_a_tetrahedron = 150;
-// Of an imported set, whose union makes its own tetrahedra: about 7 a sphere.
-constexpr std::uint64_t bytes_a_sphere = 7 * bytes_a_tetrahedron;
+// CGAL's triangulation is most of it. Measured: 480 to 667 bytes (ct-head, abdomen-ct, engine, ch2).
+constexpr std::uint64_t kAPoint = 700;
+// Of a union's parts with what they are made from: of inside cells (core/union.h: 140, and the part), of other balls
+// (300, and the part).
+constexpr std::uint64_t kAPartOfCells = 190, kAPart = 340;
+// While all is measured: of inside cells by thickness and components, of other balls by their power diagram, CGAL's
+// again, of about 7 cells a ball.
+constexpr std::uint64_t kAMeasuredCell = 300, kAMeasuredBall = 1600;
+// Of pictures (130 where balls are cut into patches, 270 where all are drawn whole), and of their pixels: the picture,
+// the same as it is packed, and packed.
+constexpr std::uint64_t kADrawnBall = 280, kAPixel = 12;
+// A number in text, as it grows by doubling.
+constexpr std::uint64_t kADecimal = 40;
+// Bits that say on which side samples are.
+constexpr std::uint64_t bits_of(const ScanSize& scan) { return scan.samples / 4; }
 
 // Cubes of an edge in a box, and a layer around; at most `most`.
 std::uint64_t cubes_in(const Box& box, double edge, std::uint64_t most) {
@@ -24,28 +34,77 @@ std::uint64_t cubes_in(const Box& box, double edge, std::uint64_t most) {
   return cubes < static_cast<double>(most) ? static_cast<std::uint64_t>(cubes) : most;
 }
 
+// Of the measures of a union's parts, beside the model.
+std::uint64_t parts_of(const ModelSize& model) {
+  return model.raw() ? model.inside_cells * kAPartOfCells : model.spheres * kAPart;
+}
+
+// Of the volume of a raw model and of its sides.
+std::uint64_t scanned(const ModelSize& model) {
+  return model.raw() && model.scan ? model.scan->bytes + bits_of(*model.scan) : 0;
+}
+
 }  // namespace
 
-std::uint64_t memory_to_model(const Grid& grid, VoxelType type) {
-  const auto samples = static_cast<double>(grid.sample_count());
-  const double points = std::min(samples / 8, 24 * std::pow(samples, 2.0 / 3));
-  return memory_to_model(grid, type, static_cast<std::size_t>(points));
+ScanSize size_of(const api::VolumeInfo& volume) {
+  const std::uint64_t samples = volume.grid.sample_count();
+  return {.samples = samples, .bytes = samples * bytes_per_voxel(volume.type)};
 }
 
-std::uint64_t memory_to_model(const Grid& grid, VoxelType type, std::size_t boundary_points) {
-  // The samples, and a bit or two of each that say on which side they are.
-  return grid.sample_count() * (bytes_per_voxel(type) + 1) + boundary_points * bytes_a_point;
+std::uint64_t memory_to_count(const ScanSize& scan) { return scan.bytes + bits_of(scan); }
+
+std::uint64_t memory_to_model(const ScanSize& scan, std::size_t boundary_points) {
+  return memory_to_count(scan) + boundary_points * kAPoint;
 }
 
-std::uint64_t memory_to_derive(const api::ModelInfo& model) {
-  return model.tetrahedra > 0 ? model.tetrahedra * bytes_a_tetrahedron : model.spheres * bytes_a_sphere;
+std::uint64_t memory_to_measure(const ModelSize& model) {
+  return model.loaded() + scanned(model) +
+         (model.raw() ? model.inside_cells * kAMeasuredCell : model.spheres * kAMeasuredBall);
+}
+
+std::uint64_t memory_to_measure_parts(const ModelSize& model) { return model.loaded() + parts_of(model); }
+
+std::uint64_t memory_to_check(const ModelSize& model) {
+  constexpr std::uint64_t a_ball = 100;
+  return model.loaded() + scanned(model) + model.spheres * a_ball;
+}
+
+std::uint64_t memory_to_draw(const RenderOptions& options, std::span<const ModelSize> models) {
+  // Of a surface: its corner, two triangles with their box and node.
+  constexpr std::uint64_t a_corner = 320;
+  std::uint64_t bytes = pixels_of(options, models.size()) * kAPixel;
+  for (const ModelSize& model : models) {
+    bytes += model.loaded() + model.spheres * kADrawnBall;
+    if (options.style == Style::surface) bytes += scanned(model) + model.points * a_corner;
+    if (options.colour_by == ColourBy::contribution) bytes += parts_of(model);
+  }
+  return bytes;
+}
+
+std::uint64_t memory_to_list(const api::ExportRequest& wanted, const ModelSize& model,
+                             const std::optional<ModelSize>& source) {
+  const api::SphereListing& listing = wanted.listing;
+  const std::uint64_t rows = listing.rows == api::SphereRows::members && source ? source->spheres : model.spheres;
+  const std::uint64_t numbers = 4 + listing.columns.size();
+  const std::uint64_t a_number =
+      sizeof(double) + (wanted.format == api::SphereFormat::csv ? kADecimal : 4 * sizeof(double));
+  std::uint64_t bytes = model.loaded() + rows * numbers * a_number;
+  if (source) bytes += source->loaded();
+  if (listing.needs_contributions()) bytes += parts_of(model);
+  return bytes;
+}
+
+std::uint64_t memory_to_show_tree(const ModelSize& model) {
+  // The document's values, and its text.
+  constexpr std::uint64_t a_byte = 12;
+  return model.loaded() + model.stored * a_byte;
 }
 
 std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t spheres, const Box& box,
                               const std::optional<Grid>& scan) {
   // Text that grows by doubling; corners and triangles of meshes likewise; a block of a level set as it is made, in the
   // library's tree and in the file; a mask as bits, as bytes and packed.
-  constexpr std::uint64_t bytes_a_line = 400, bytes_a_triangle = 48, bytes_a_block = 8192, bytes_a_sample = 3,
+  constexpr std::uint64_t bytes_a_line = 400, bytes_a_triangle = 90, bytes_a_block = 8192, bytes_a_sample = 3,
                           most_samples = std::uint64_t{1} << 29;
   switch (file.format) {
     case FileFormat::glb: {
@@ -66,17 +125,42 @@ std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t sphere
   }
 }
 
-std::uint64_t memory_to_simplify(const api::ModelInfo& model, const std::optional<Grid>& grid) {
-  // By count: 5 bytes a sample for distances, 4 where balls are refined, the volume itself before that; of a raw model
-  // 120 bytes a sphere for its clusters, and itself.
-  constexpr std::uint64_t bytes_a_sample = 10, bytes_a_raw_sphere = 160, samples_of_a_union = std::uint64_t{1} << 22;
-  const std::uint64_t samples = grid ? grid->sample_count() : samples_of_a_union;
-  return samples * bytes_a_sample + model.spheres * (model.tetrahedra > 0 ? bytes_a_raw_sphere : bytes_a_sphere) +
-         model.tetrahedra * sizeof(Tetrahedron);
+std::uint64_t memory_to_simplify(const SimplifyMethod& method, const ModelSize& model, const ModelSize& root) {
+  // Of the object's samples: 5 for distances and what they are made from; where balls are refined also how often each
+  // sample is covered, and by what. Of a raw model 120 bytes a ball for its clusters; of any other what overlaps.
+  constexpr std::uint64_t a_sample = 9, a_refined_sample = 30, a_ball = 160,
+                          samples_of_a_union = std::uint64_t{1} << 22;
+  const std::uint64_t samples = root.scan ? root.scan->samples : samples_of_a_union;
+  std::uint64_t object = samples * (std::holds_alternative<BestOptions>(method) ? a_refined_sample : a_sample);
+  if (root.scan) object = std::max(object, root.scan->bytes) + bits_of(*root.scan);
+  const std::uint64_t reference = root.raw() ? 0 : root.spheres * kAMeasuredBall;
+  return object + root.loaded() + model.loaded() + model.spheres * a_ball + std::max(reference, parts_of(model));
 }
 
-std::uint64_t memory_to_slice(const api::VolumeInfo& volume) {
-  return volume.grid.sample_count() * bytes_per_voxel(volume.type);
+std::uint64_t memory_to_slice(const api::SliceRequest& wanted, const api::VolumeInfo& volume) {
+  // Of the plane: a sample of it as a number and as text, and where an object is asked for its points and triangles.
+  constexpr std::uint64_t a_sample = 40, an_objects_sample = 400;
+  const std::uint64_t samples =
+      volume.grid.sample_count() / static_cast<std::uint64_t>(volume.grid.dims[static_cast<std::size_t>(wanted.axis)]);
+  const ScanSize scan = size_of(volume);
+  return scan.bytes + samples * (a_sample + (wanted.object ? an_objects_sample : 0));
+}
+
+std::uint64_t memory_to_register(const ModelSize& fixed, const ModelSize& moving) {
+  constexpr std::uint64_t a_ball = 300;
+  return fixed.loaded() + moving.loaded() + (fixed.spheres + moving.spheres) * a_ball;
+}
+
+std::uint64_t memory_to_apply(api::Applied what, const ModelSize& fixed, const ModelSize& moving) {
+  // Of the result: its samples, and the file that holds them.
+  const std::uint64_t samples = fixed.scan ? fixed.scan->samples : 0;
+  if (what == api::Applied::model) return moving.loaded() + moving.spheres * kAPart + 3 * samples;
+  return (moving.scan ? moving.scan->bytes : 0) + 8 * samples;
+}
+
+std::uint64_t memory_to_import(api::SphereFormat format, std::uint64_t bytes, std::uint64_t lines) {
+  // The file as it is mapped, and the spheres: where their number is not known before, as they grow by doubling.
+  return bytes + (format == api::SphereFormat::csv ? 3 * lines * sizeof(Sphere) : 2 * bytes);
 }
 
 }  // namespace spherule::server

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "api/documents.h"
-#include "core/boundary.h"
+#include "core/crossings.h"
 #include "core/pipeline.h"
 #include "server/memory.h"
 
@@ -48,10 +48,10 @@ Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
   {
     const InsideSamples samples = classify_samples(volume, request.rule, context);
     info.voxels = measure_voxels(volume.grid, samples.inside);
-    // Half a per cent of the work, for an estimate that is not a guess.
-    const std::size_t points =
-        extract_boundary(volume, request.rule, samples, store.config.max_boundary_points, context).points.size();
-    job.expect_memory(memory_to_model(volume.grid, volume.type, points));
+    const std::size_t points = count_boundary_points(samples, request.rule.border, context);
+    // More are refused below.
+    const ScanSize scan{.samples = volume.grid.sample_count(), .bytes = volume.voxels.size()};
+    job.expect_memory(memory_to_model(scan, std::min<std::uint64_t>(points, store.config.max_boundary_points)));
   }
   watch.lap("voxels");
 

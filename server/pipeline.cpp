@@ -19,6 +19,7 @@
 #include "core/io/export.h"
 #include "core/spheres.h"
 #include "server/answer_job.h"
+#include "server/estimates.h"
 #include "server/memory.h"
 #include "server/metrics.h"
 #include "server/model_job.h"
@@ -171,6 +172,12 @@ std::uint32_t level_of(const ModelInfo& model, std::uint32_t wanted, bool needed
   return wanted == last ? 0 : wanted;
 }
 
+// Memory that a request holds.
+struct Taken {
+  JobPool::Memory memory{};
+  std::uint64_t bytes = 0;
+};
+
 }  // namespace
 
 struct Pipeline::State {
@@ -235,6 +242,13 @@ struct Pipeline::State {
       }
       wake.wait_for(lock, stop, period, [] { return false; });
     }
+  }
+
+  // Takes as much memory for a request's own work as it needs by now, waiting as long as a request may.
+  void take(std::uint64_t bytes, Taken& taken, const Context& context) {
+    if (bytes <= taken.bytes) return;
+    taken = {};  // so that nobody waits for more while holding some
+    taken = {pool.reserve(bytes, std::chrono::seconds(store.config.max_wait_s), context.cancel), bytes};
   }
 
   // Deletes a thing with all that was made from it, and ends the jobs that work on any of these.
@@ -374,10 +388,11 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
   try {
     Context context = state_->request_context();
     context.cancel = attention.token();
-    const Store::Permit permit(s, context);
+    Taken taken;
     std::vector<Blob> open;
     for (const auto& file : files) open.push_back(file.staging->open());
-    const Volume volume = s.read(info.files, std::move(open), parameters, context);
+    const Volume volume = s.read(info.files, std::move(open), parameters, context,
+                                 [&](std::size_t bytes) { state_->take(bytes, taken, context); });
     info.format = volume.format;
     info.grid = volume.grid;
     info.type = volume.type;
@@ -436,23 +451,17 @@ void Pipeline::delete_volume(const std::string& id) {
 }
 
 api::Outcome<api::StoredModel> Pipeline::make_model(const api::ModelRequest& request, Seconds wait) {
-  Store& s = state_->store;
-  const Resource volume = s.find_volume(request.volume);
+  const std::uint64_t memory = memory_for(state_->store, request);
   const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  const VolumeInfo info = api::volume_from(volume.document);
-  return state_->model_of("model", id, api::record_of(request), client_, memory_to_model(info.grid, info.type), wait);
+  return state_->model_of("model", id, api::record_of(request), client_, memory, wait);
 }
 
 api::Outcome<api::StoredModel> Pipeline::simplify_model(const api::SimplificationRequest& request, Seconds wait) {
   const ModelInfo source = model(request.model);
   check_method(request.method, source.spheres);
-  ModelInfo first = source;
-  while (first.simplification) first = model(first.simplification->request.model);
-  std::optional<Grid> grid;
-  if (first.source) grid = volume(first.source->volume).grid;
+  const std::uint64_t memory = memory_for(state_->store, request);
   const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  return state_->model_of("simplification", id, api::record_of(request), client_, memory_to_simplify(source, grid),
-                          wait);
+  return state_->model_of("simplification", id, api::record_of(request), client_, memory, wait);
 }
 
 api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) {
@@ -469,10 +478,11 @@ api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api
   SphereModel model;
   const Context context = state_->request_context();
   {
-    // Not while the cache is asked: who loads a model for it waits for a permit.
-    const Store::Permit permit(s, context);
     const Blob blob = staging.open();
     const Mapping mapping(blob);
+    const auto lines = format == api::SphereFormat::csv ? std::ranges::count(mapping.text(), '\n') : 0;
+    Taken taken;
+    state_->take(memory_to_import(format, blob.size(), static_cast<std::uint64_t>(lines)), taken, context);
     const ImportLimits limits{.max_spheres = s.config.max_spheres};
     model.spheres = format == api::SphereFormat::csv ? spheres_from_csv(mapping.text(), limits)
                                                      : spheres_from_npy(mapping.text(), limits);
@@ -524,12 +534,8 @@ RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t bu
 api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Seconds wait) {
   Store& s = state_->store;
   DerivedRequest request = wanted;
-  std::uint64_t memory = 0;
-  if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) {
-    memory = memory_to_slice(api::volume_from(s.find_volume(slice->volume).document));
-  } else if (const auto* values = std::get_if<api::ValuesRequest>(&request.what)) {
-    memory = memory_to_slice(api::volume_from(s.find_volume(values->volume).document));
-  } else {
+  if (!std::holds_alternative<api::SliceRequest>(request.what) &&
+      !std::holds_alternative<api::ValuesRequest>(request.what)) {
     const ModelInfo model = this->model(request.model);
     if (!model.source && std::holds_alternative<api::ChecksRequest>(request.what)) {
       throw Error(ErrorCode::unusable,
@@ -540,26 +546,15 @@ api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Second
     request.level =
         level_of(model, request.level, tree != nullptr || (listed != nullptr && listed->listing.needs_levels()));
     if (tree != nullptr && !tree->levels.empty()) static_cast<void>(level_of(model, tree->levels.back(), true));
-    memory = memory_to_derive(model);
-    if (const auto* file = std::get_if<api::FileRequest>(&request.what)) {
-      const ModelInfo root = api::model_from(s.root_of(s.find_model(request.model)).document);
-      const std::uint64_t spheres = request.level > 0 ? request.level : model.spheres;
-      check_exportable(file->format, spheres, root.source.has_value(), file->options);
-      std::optional<Grid> scan;
-      if (file->format == FileFormat::nifti && root.source) scan = volume(root.source->volume).grid;
-      memory += memory_to_write(*file, spheres, model.bounds, scan);
-    }
   }
-  if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
-    static_cast<void>(s.find_model(render->with));
-  }
+  const std::uint64_t memory = memory_for(s, request);
   const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
   return state_->answer_of(kind_of(request), id, api::record_of(request), client_, memory, wait);
 }
 
 api::Outcome<api::StoredRegistration> Pipeline::register_pair(const api::RegistrationRequest& request, Seconds wait) {
   Store& s = state_->store;
-  const std::uint64_t memory = memory_to_derive(model(request.fixed)) + memory_to_derive(model(request.moving));
+  const std::uint64_t memory = memory_for(s, request);
   const std::string id = content_id("reg", api::identity_of(request, algorithm_version_text()));
   if (const auto known = s.find_any(id)) return api::StoredRegistration{registration_info(*known), true};
   const State::Awaited job = state_->wait_for(
@@ -585,15 +580,7 @@ void Pipeline::delete_registration(const std::string& id) {
 }
 
 api::Outcome<api::Content> Pipeline::derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) {
-  Store& s = state_->store;
-  const api::RegistrationInfo info = registration(request.registration);
-  std::uint64_t memory = memory_to_derive(model(info.request.fixed)) + memory_to_derive(model(info.request.moving));
-  if (const auto* what = std::get_if<api::Applied>(&request.what)) {
-    // Of the result: its samples, and the file that holds them.
-    memory += 8 * api::volume_from(volume_of(s, info.request.fixed).document).grid.sample_count();
-    if (*what == api::Applied::volume)
-      memory += memory_to_slice(api::volume_from(volume_of(s, info.request.moving).document));
-  }
+  const std::uint64_t memory = memory_for(state_->store, request);
   const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
   return state_->answer_of(registration_answer_kind, id, api::record_of(request), client_, memory, wait);
 }

@@ -88,10 +88,12 @@ Resource Store::root_of(Resource model) {
 }
 
 Volume Store::read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
-                   const api::VolumeParameters& parameters, const Context& context) const {
+                   const api::VolumeParameters& parameters, const Context& context,
+                   std::function<void(std::size_t bytes)> admit) const {
   ReadOptions options{.raw = parameters.raw, .frame = parameters.frame, .grid = parameters.grid, .limits = {}};
   options.limits.max_voxels = config.max_voxels;
   options.limits.max_bytes = config.max_decompressed_bytes;
+  options.limits.admit = std::move(admit);
   if (open.size() == 1) return read_volume({open.front().path()}, options, context);
   ScratchFolder folder(blobs.scratch_root());
   std::vector<std::filesystem::path> paths;

@@ -101,9 +101,10 @@ struct Store {
   /// How long things are kept, as configured.
   std::vector<Keeping> keeping() const;
 
-  /// Reads files of these names; a single one needs none.
+  /// Reads files of these names; a single one needs none. `admit` as of ReadLimits.
   Volume read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
-              const api::VolumeParameters& parameters, const Context& context) const;
+              const api::VolumeParameters& parameters, const Context& context,
+              std::function<void(std::size_t bytes)> admit = {}) const;
   Volume stored_volume(const Resource& resource, const Context& context) const;
 
   // In what follows, `level` is that of api::DerivedRequest: 0 for the whole model.

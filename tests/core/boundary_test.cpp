@@ -8,6 +8,7 @@
 #include <limits>
 #include <set>
 
+#include "core/crossings.h"
 #include "tests/phantoms.h"
 
 namespace spherule {
@@ -21,7 +22,10 @@ Grid grid_of(std::array<std::int32_t, 3> dims, Vec3 spacing = {1, 1, 1}) {
 }
 
 BoundaryPoints boundary_of(const Volume& volume, const ObjectRule& rule, const Context& context = {}) {
-  return extract_boundary(volume, rule, classify_samples(volume, rule), std::size_t{1} << 31, context);
+  const InsideSamples samples = classify_samples(volume, rule);
+  BoundaryPoints boundary = extract_boundary(volume, rule, samples, std::size_t{1} << 31, context);
+  EXPECT_EQ(count_boundary_points(samples, rule.border, context), boundary.points.size());
+  return boundary;
 }
 
 // A volume of zeros with single samples set.

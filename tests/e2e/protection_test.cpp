@@ -188,11 +188,34 @@ TEST(Memory, DecidesWhichWorkIsTaken) {
   const std::string small = client.upload(kRaw, ball(20, 9));
   EXPECT_EQ(client.model({{"volume", small}, {"threshold", 60.5}})["kind"], "raw");
   const std::string large = client.upload("?format=raw&dims=48,48,48&dtype=uint8", ball(48, 23));
-  const Answer refused = client.post("/v1/models", {.body = Json{{"volume", large}, {"threshold", 60.5}}.dump()});
+  // Its samples fit; that its boundary points do not is known once they are counted.
+  const Answer refused = client.post(
+      "/v1/models", {.headers = {{"Prefer", "wait=60"}}, .body = Json{{"volume", large}, {"threshold", 60.5}}.dump()});
   EXPECT_EQ(refused.status, 422);
   EXPECT_NE(refused.json()["detail"].get<std::string>().find("MiB of memory, and this server has 1 MiB"),
             std::string::npos)
       << refused.body;
+}
+
+// By the header, before samples are read or unpacked; and small ones still come through.
+TEST(Memory, DecidesWhichUploadsAreRead) {
+  const TemporaryFolder folder;
+  const ServerProcess server(folder.path() / "data", {"--job-memory-bytes", "1M"});
+  const Client client(server.port());
+  const auto refused = [&](const Answer& answer) {
+    EXPECT_EQ(answer.status, 422) << answer.body;
+    EXPECT_NE(answer.json().value("detail", "").find("MiB of memory, and this server has 1 MiB"), std::string::npos)
+        << answer.body;
+  };
+  const std::string zeros(std::size_t{120} * 120 * 120, '\0');
+  refused(client.post("/v1/volumes?format=raw&dims=120,120,120&dtype=uint8",
+                      {.body = zeros, .type = "application/octet-stream"}));
+  refused(client.post("/v1/volumes", {.body = ball_nifti(110, 50, 1), .type = "application/octet-stream"}));
+  std::string rows = "x,y,z,r\n";
+  for (int i = 0; i < 20'000; ++i) rows += "1,2,3,4\n";
+  refused(client.post("/v1/models", {.body = rows, .type = "text/csv"}));
+  EXPECT_EQ(client.get("/v1/volumes").json()["volumes"].size(), 0U);
+  client.upload(kRaw, ball(20, 9));
 }
 
 TEST(Retention, DeletesWhatNobodyUses) {
