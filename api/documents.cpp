@@ -9,6 +9,7 @@
 
 #include "api/problem.h"
 #include "api/requests.h"
+#include "api/stored_json.h"
 
 namespace spherule::api {
 
@@ -48,6 +49,12 @@ std::string text(const Json& json) {
   std::string out;
   print(json, {}, out);
   return out + "\n";
+}
+
+// Of an answer that is kept.
+std::string stored_text(const Json& json) {
+  require_finite(json);
+  return text(json);
 }
 
 Json triple(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
@@ -378,7 +385,9 @@ template <typename T, typename F>
 std::string list_document(const char* what, const Page<T>& page, F&& item) {
   Json items = Json::array();
   for (const T& x : page.items) items.push_back(item(x));
-  return text({{what, std::move(items)}, {"next_cursor", page.next.empty() ? Json(nullptr) : Json(page.next)}});
+  Json json{{what, std::move(items)}, {"next_cursor", page.next.empty() ? Json(nullptr) : Json(page.next)}};
+  if (!page.damaged.empty()) json["damaged"] = page.damaged;
+  return text(json);
 }
 
 }  // namespace
@@ -487,7 +496,7 @@ std::string measures_document(const std::string& model, const ModelMeasures& mea
   json["frame"] = kFrame;
   json["links"] = {{"model", "/v1/models/" + model},
                    {"ranking", "/v1/models/" + model + "/spheres?order=contribution"}};
-  return text(json);
+  return stored_text(json);
 }
 
 std::string with_components(std::string_view measures_document, std::size_t count) {
@@ -512,36 +521,35 @@ std::string tree_document(const std::string& model, const std::string& source, s
     lists.push_back(std::vector<std::uint32_t>(list.begin(), list.end()));
   }
   const std::string self = "/v1/models/";
-  return Json{{"model", model},
-              {"source", source},
-              {"frame", kFrame},
-              {"unit", "mm"},
-              {"columns", {"x", "y", "z", "r"}},
-              {"levels", std::move(items)},
-              {"members", std::move(lists)},
-              {"links", {{"model", self + model}, {"source", self + source}}}}
-             .dump() +
+  return write_stored(Json{{"model", model},
+                           {"source", source},
+                           {"frame", kFrame},
+                           {"unit", "mm"},
+                           {"columns", {"x", "y", "z", "r"}},
+                           {"levels", std::move(items)},
+                           {"members", std::move(lists)},
+                           {"links", {{"model", self + model}, {"source", self + source}}}}) +
          "\n";
 }
 
 std::string checks_document(const std::string& model, const ModelChecks& checks) {
   const CriteriaReport& c = checks.criteria;
   const BoundsReport& b = checks.bounds;
-  return text({{"model", model},
-               {"violations", c.violations()},
-               {"criteria",
-                {{"inside_samples_not_covered", c.inside_samples_not_covered},
-                 {"outside_samples_covered", c.outside_samples_covered},
-                 {"boundary_points_inside_balls", c.boundary_points_inside_balls},
-                 {"boundary_points_on_no_ball", c.boundary_points_on_no_ball}}},
-               {"bounds",
-                {{"density_mm", b.density_mm},
-                 {"density_bound_mm", b.density_bound_mm},
-                 {"density_holds", b.density_mm <= b.density_bound_mm},
-                 {"cells_per_point", b.cells_per_point},
-                 {"tetrahedra_volume_mm3", b.tetrahedra_volume_mm3},
-                 {"spheres_volume_bound_mm3", b.spheres_volume_bound_mm3}}},
-               {"links", {{"model", "/v1/models/" + model}}}});
+  return stored_text({{"model", model},
+                      {"violations", c.violations()},
+                      {"criteria",
+                       {{"inside_samples_not_covered", c.inside_samples_not_covered},
+                        {"outside_samples_covered", c.outside_samples_covered},
+                        {"boundary_points_inside_balls", c.boundary_points_inside_balls},
+                        {"boundary_points_on_no_ball", c.boundary_points_on_no_ball}}},
+                      {"bounds",
+                       {{"density_mm", b.density_mm},
+                        {"density_bound_mm", b.density_bound_mm},
+                        {"density_holds", b.density_mm <= b.density_bound_mm},
+                        {"cells_per_point", b.cells_per_point},
+                        {"tetrahedra_volume_mm3", b.tetrahedra_volume_mm3},
+                        {"spheres_volume_bound_mm3", b.spheres_volume_bound_mm3}}},
+                      {"links", {{"model", "/v1/models/" + model}}}});
 }
 
 namespace {
@@ -590,12 +598,12 @@ std::string slice_document(const SliceRequest& request, const Grid& slice, const
         {"top", plane.top},
         {"bottom", plane.bottom}}},
       {"links", {{"self", path_of({.model = {}, .what = request})}, {"volume", "/v1/volumes/" + request.volume}}}};
-  if (model == nullptr) return text(json);
+  if (model == nullptr) return stored_text(json);
   json["object"] = rule_json(*request.object);
   json["inside_samples"] = model->inside_samples;
   json["area_mm2"] = model->area_mm2;
   json["inside_triangles"] = model->inside_count;
-  std::string out = text(json);
+  std::string out = stored_text(json);
   out.erase(out.rfind('}'));
   while (out.back() == '\n' || out.back() == ' ') out.pop_back();
   append_rows(out, "boundary_points", model->points, [&](LatticePoint p) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "api/documents.h"
@@ -28,7 +29,11 @@ std::int64_t microseconds(Time time) {
   return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();
 }
 Time time_from(const Json& json) {
-  return Time(std::chrono::duration_cast<Time::duration>(std::chrono::microseconds(json.get<std::int64_t>())));
+  // Counted in nanoseconds it must fit 64 bits.
+  constexpr std::int64_t latest = std::numeric_limits<std::int64_t>::max() / 1000;
+  const auto microseconds = json.get<std::int64_t>();
+  if (microseconds < -latest || microseconds > latest) throw Error(ErrorCode::corrupt, "This is no time.");
+  return Time(std::chrono::duration_cast<Time::duration>(std::chrono::microseconds(microseconds)));
 }
 
 Json to_json(const VolumeParameters& parameters) {
@@ -234,23 +239,22 @@ Json to_json(std::span<const StoredFile> files, bool with_names) {
 
 std::string record_of(const VolumeInfo& v) {
   const Mat3& d = v.grid.direction;
-  return Json{{"id", v.id},
-              {"created", microseconds(v.created)},
-              {"files", to_json(v.files, true)},
-              {"parameters", to_json(v.parameters)},
-              {"format", v.format},
-              {"dims", v.grid.dims},
-              {"spacing", to_json(v.grid.spacing)},
-              {"origin", to_json(v.grid.origin)},
-              {"direction", {to_json(d.rows[0]), to_json(d.rows[1]), to_json(d.rows[2])}},
-              {"dtype", name(v.type)},
-              {"slope", v.slope},
-              {"intercept", v.intercept},
-              {"range", {v.range.min, v.range.max}},
-              {"not_finite", v.range.not_finite},
-              {"below", v.natural_side == Side::below},
-              {"warnings", v.warnings}}
-      .dump(-1, ' ', false, Json::error_handler_t::replace);
+  return write_stored(Json{{"id", v.id},
+                           {"created", microseconds(v.created)},
+                           {"files", to_json(v.files, true)},
+                           {"parameters", to_json(v.parameters)},
+                           {"format", v.format},
+                           {"dims", v.grid.dims},
+                           {"spacing", to_json(v.grid.spacing)},
+                           {"origin", to_json(v.grid.origin)},
+                           {"direction", {to_json(d.rows[0]), to_json(d.rows[1]), to_json(d.rows[2])}},
+                           {"dtype", name(v.type)},
+                           {"slope", v.slope},
+                           {"intercept", v.intercept},
+                           {"range", {v.range.min, v.range.max}},
+                           {"not_finite", v.range.not_finite},
+                           {"below", v.natural_side == Side::below},
+                           {"warnings", v.warnings}});
 }
 
 VolumeInfo volume_from(std::string_view record) {
@@ -293,7 +297,7 @@ std::string record_of(const ModelInfo& m) {
   if (m.simplification) json["simplification"] = to_json(*m.simplification);
   if (m.voxels) json["voxels"] = {{"count", m.voxels->count}, {"volume", m.voxels->volume_mm3}};
   if (!m.bounds.empty()) json["bounds"] = {to_json(m.bounds.min), to_json(m.bounds.max)};
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return write_stored(json);
 }
 
 ModelInfo model_from(std::string_view record) {

@@ -154,7 +154,7 @@ std::string registration_document(const std::string& id, Time created, const std
         {"itk", path + "?format=itk"},
         {"render", path + "/render"},
         {"apply", path + "/apply"}}}};
-  return json.dump() + "\n";
+  return write_stored(json) + "\n";
 }
 
 RegistrationInfo registration_from(std::string_view document, std::string_view request_record) {
@@ -180,6 +180,7 @@ std::string registration_list_document(const Page<RegistrationInfo>& page) {
   Ordered json;
   json["registrations"] = std::move(items);
   json["next_cursor"] = page.next.empty() ? Ordered(nullptr) : Ordered(page.next);
+  if (!page.damaged.empty()) json["damaged"] = page.damaged;
   return json.dump() + "\n";
 }
 

@@ -56,7 +56,8 @@ struct PageRequest {
 template <typename T>
 struct Page {
   std::vector<T> items;
-  std::string next;  ///< cursor of the following page; empty on the last one
+  std::string next;                    ///< cursor of the following page; empty on the last one
+  std::vector<std::string> damaged{};  ///< ids of entries of this page whose records cannot be read
 };
 
 // ---------------------------------------------------------------------------------------------------------- volumes

@@ -160,7 +160,7 @@ Resource kept(Store& store, const JobRecord& record, std::vector<std::string> in
   answer.request = record.request;
   answer.inputs = std::move(inputs);
   answer.bytes = bytes.size();
-  answer.blobs = {store.blobs.put("answers/" + record.result_id, bytes)};
+  answer.blobs = {store.put_answer(record.result_id, bytes)};
   return answer;
 }
 

@@ -21,8 +21,10 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Left free for the catalogue, which must still be able to say that the disk is full.
 constexpr std::uint64_t reserve_bytes = std::uint64_t{64} << 20;
+
+// Between two looks at the free space; a few hundred writers at once stay within the reserve.
+constexpr std::uint64_t look_every_bytes = std::uint64_t{256} << 10;
 
 constexpr std::size_t digest_digits = 64;
 
@@ -68,6 +70,23 @@ std::string digest_of(std::string_view key) {
   return std::string(rest.substr(0, digest_digits));
 }
 
+/// The file that says of a blob that it is on its way, among the temporary ones. Keys hold no plus.
+fs::path note_of(const fs::path& root, std::string key) {
+  std::ranges::replace(key, '/', '+');
+  return root / ".tmp" / key;
+}
+
+std::string key_of_note(std::string name) {
+  std::ranges::replace(name, '+', '/');
+  return digest_of(name).empty() ? std::string() : name;
+}
+
+bool write_note(const fs::path& root, const std::string& key) {
+  const int note = ::open(note_of(root, key).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+  if (note >= 0) ::close(note);
+  return note >= 0;
+}
+
 class FileStaging final : public Staging {
  public:
   FileStaging(std::uint64_t limit, fs::path root, const fs::path& temporary)
@@ -95,6 +114,8 @@ class FileStaging final : public Staging {
     std::string key = make_key(name, sha256());
     const fs::path target = root_ / key;
     make_folder(target.parent_path());
+    // Before the blob, and not synchronised: file systems that keep their order over a power cut keep this one, too.
+    if (!write_note(root_, key)) throw_storage(errno);
     if (::rename(path_.c_str(), target.c_str()) != 0) throw_storage(errno);
     path_ = target;  // until the folder is durable too, the destructor takes the blob back
     sync_to_disk(target.parent_path());
@@ -104,6 +125,11 @@ class FileStaging final : public Staging {
 
  protected:
   void write(std::string_view bytes) override {
+    since_look_ += bytes.size();
+    if (since_look_ >= look_every_bytes) {
+      if (free_bytes_at(root_) < bytes.size()) throw_no_space();
+      since_look_ = 0;
+    }
     while (!bytes.empty()) {
       const ssize_t put = ::write(descriptor_, bytes.data(), bytes.size());
       if (put < 0 && errno == EINTR) continue;
@@ -116,9 +142,17 @@ class FileStaging final : public Staging {
   fs::path root_;
   fs::path path_;  // empty once committed
   int descriptor_ = -1;
+  std::uint64_t since_look_ = look_every_bytes;  // bytes; the first write looks
 };
 
 }  // namespace
+
+std::uint64_t free_bytes_at(const fs::path& folder) {
+  struct statvfs status {};
+  if (::statvfs(folder.c_str(), &status) != 0) throw_storage(errno);
+  const std::uint64_t free = std::uint64_t{status.f_bavail} * status.f_frsize;
+  return free > reserve_bytes ? free - reserve_bytes : 0;
+}
 
 void sync_to_disk(const fs::path& path) {
   const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -145,10 +179,11 @@ std::string BlobStore::put(std::string_view name, std::string_view bytes) {
 }
 
 FileBlobStore::FileBlobStore(fs::path root) : root_(std::move(root)) {
-  std::error_code ignored;  // the next start tries again
-  fs::remove_all(scratch_root(), ignored);
   make_folder(root_);
   make_folder(scratch_root());
+  std::error_code ignored;  // the next start tries again
+  for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root(), ignored))
+    if (key_of_note(entry.path().filename()).empty()) fs::remove_all(entry.path(), ignored);
 }
 
 std::unique_ptr<Staging> FileBlobStore::stage(std::uint64_t limit, std::optional<std::uint64_t> declared) {
@@ -172,25 +207,34 @@ Blob FileBlobStore::open(const std::string& key) const {
 
 void FileBlobStore::remove(const std::string& key) {
   if (digest_of(key).empty()) return;
-  // Not made durable: a blob that a power cut brings back belongs to nobody, and goes at the next start.
+  // Not made durable: a blob that a power cut brings back belongs to nobody, and the next start takes it out of the
+  // way.
   if (::unlink((root_ / key).c_str()) != 0 && errno != ENOENT) throw_storage(errno);
+  settle(key);
 }
 
-std::vector<std::string> FileBlobStore::keys() const {
+std::vector<std::string> FileBlobStore::keys_in(const fs::path& root) {
   std::vector<std::string> keys;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root_)) {
-    std::string key = entry.path().lexically_relative(root_).generic_string();
+  std::error_code missing;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root, missing)) {
+    std::string key = entry.path().lexically_relative(root).generic_string();
     if (!digest_of(key).empty()) keys.push_back(std::move(key));
   }
   return keys;
 }
 
-std::uint64_t FileBlobStore::free_bytes() const {
-  struct statvfs status {};
-  if (::statvfs(root_.c_str(), &status) != 0) throw_storage(errno);
-  const std::uint64_t free = std::uint64_t{status.f_bavail} * status.f_frsize;
-  return free > reserve_bytes ? free - reserve_bytes : 0;
+std::vector<std::string> FileBlobStore::unsettled() const {
+  std::vector<std::string> keys;
+  for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root()))
+    if (std::string key = key_of_note(entry.path().filename()); !key.empty()) keys.push_back(std::move(key));
+  return keys;
 }
+
+void FileBlobStore::settle(const std::string& key) { ::unlink(note_of(root_, key).c_str()); }
+
+void FileBlobStore::unsettle(const std::string& key) { write_note(root_, key); }
+
+std::uint64_t FileBlobStore::free_bytes() const { return free_bytes_at(root_); }
 
 // The dot keeps it apart from any name that a blob can have.
 fs::path FileBlobStore::scratch_root() const { return root_ / ".tmp"; }

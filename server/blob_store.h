@@ -33,6 +33,16 @@ class BlobStore {
   /// Without effect when there is no such blob. Open Blobs stay readable.
   virtual void remove(const std::string& key) = 0;
 
+  // A blob that has no owner may be one on its way in or out, or one whose owner was lost. These tell them apart after
+  // the process has ended between two steps.
+
+  /// Keys of blobs that were on their way: committed and not settled yet, or unsettled and not removed yet.
+  [[nodiscard]] virtual std::vector<std::string> unsettled() const = 0;
+  /// The blob has an owner now, which is on the disk.
+  virtual void settle(const std::string& key) = 0;
+  /// The blob is about to lose its owner, and to be removed. Best effort, so that a full disk stops no deletion.
+  virtual void unsettle(const std::string& key) = 0;
+
   /// Every committed key, in no particular order.
   [[nodiscard]] virtual std::vector<std::string> keys() const = 0;
 
@@ -52,21 +62,32 @@ class BlobStore {
 /// Makes the folder and its missing parents; they survive a power cut once this returns. Throws no_space.
 void make_folder(const std::filesystem::path& folder);
 
+/// Bytes that can still be stored on the disk of this folder, the reserve not counted: what the server leaves for the
+/// catalogue, which must be able to delete, and to say that the disk is full. Throws corrupt when the disk cannot tell.
+std::uint64_t free_bytes_at(const std::filesystem::path& folder);
+
 /// Returns once what a file or folder holds survives a power cut. Throws no_space.
 void sync_to_disk(const std::filesystem::path& path);
 
 /// Blobs as files under `root`, which is made if needed. Commit: fsync of the file, rename, fsync of the folder.
 /// The digest is part of the key, hence of the file's name, so contents are plain and usable by any reader.
 /// Opening the store removes what a killed process left half-written; the caller must be the only one that uses
-/// `root` (open the Catalog first: it holds the lock).
+/// `root` (open the Catalog first: it holds the lock). Every write, announced or not, leaves the reserve of the disk
+/// alone, and throws no_space before that.
 class FileBlobStore final : public BlobStore {
  public:
   explicit FileBlobStore(std::filesystem::path root);
 
+  /// The keys of the blobs under `root`, without opening it as a store.
+  static std::vector<std::string> keys_in(const std::filesystem::path& root);
+
   std::unique_ptr<Staging> stage(std::uint64_t limit, std::optional<std::uint64_t> declared = {}) override;
   Blob open(const std::string& key) const override;
   void remove(const std::string& key) override;
-  std::vector<std::string> keys() const override;
+  std::vector<std::string> keys() const override { return keys_in(root_); }
+  std::vector<std::string> unsettled() const override;
+  void settle(const std::string& key) override;
+  void unsettle(const std::string& key) override;
   std::uint64_t free_bytes() const override;
   std::filesystem::path scratch_root() const override;
 

@@ -13,6 +13,7 @@
 #include <limits>
 #include <mutex>
 #include <new>
+#include <set>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -72,6 +73,13 @@ CREATE TABLE requesters (
   PRIMARY KEY (job, client)) STRICT, WITHOUT ROWID;
 INSERT INTO requesters SELECT seq, client FROM jobs WHERE requesters > 0;
 ALTER TABLE jobs DROP COLUMN requesters;
+)sql",
+    R"sql(
+CREATE TABLE clock (row INTEGER PRIMARY KEY CHECK (row = 1), served INTEGER NOT NULL, wall INTEGER NOT NULL) STRICT;
+ALTER TABLE jobs ADD COLUMN ended INTEGER;
+UPDATE jobs SET ended = finished;
+DROP INDEX resources_by_use;
+CREATE INDEX resources_by_use ON resources (collection, used, bytes);
 )sql"};
 
 constexpr std::array<std::pair<JobState, std::string_view>, 6> state_names = {{{JobState::queued, "queued"},
@@ -174,11 +182,6 @@ bool insert_resource(Connection& database, const Resource& resource, Time create
   return true;
 }
 
-bool insert_resource(Connection& database, const Resource& resource) {
-  const Time time = now();
-  return insert_resource(database, resource, time, time);
-}
-
 constexpr std::string_view job_columns =
     "seq, id, kind, result_id, request, state, stage, progress, attempts, crashes, created, started, finished,"
     " error_code, error_sentence, client, memory";
@@ -211,15 +214,16 @@ JobRecord read_job(Connection& database, const Statement& row) {
   return job;
 }
 
-void write_job(Connection& database, const JobRecord& job) {
+/// `served` is the time of service at which it ends, if it does now.
+void write_job(Connection& database, const JobRecord& job, Time served) {
   std::optional<std::string_view> code, sentence;
   if (job.error) sentence = job.error->sentence;
   if (job.error && job.error->code) code = name_of(code_names, *job.error->code);
   Statement(database,
             "UPDATE jobs SET state = ?, stage = ?, progress = ?, attempts = ?, crashes = ?, started = ?, finished = ?,"
-            " error_code = ?, error_sentence = ?, memory = ? WHERE id = ?",
+            " error_code = ?, error_sentence = ?, memory = ?, ended = coalesce(ended, ?) WHERE id = ?",
             to_string(job.state), job.stage, job.progress, job.attempts, job.crashes, job.started, job.finished, code,
-            sentence, job.memory_bytes, job.id)
+            sentence, job.memory_bytes, job.finished ? std::optional(served) : std::nullopt, job.id)
       .step();
   SPHERULE_CHECK(database.changes() == 1);
   // Rewritten whole: at most as many as clients and 100, a few times in a job's life.
@@ -234,14 +238,14 @@ void write_job(Connection& database, const JobRecord& job) {
         .step();
 }
 
-void insert_job(Connection& database, const JobRecord& job) {
+void insert_job(Connection& database, const JobRecord& job, Time served) {
   Statement(
       database,
       "INSERT INTO jobs (id, kind, result_id, request, client, created, state, stage, progress, attempts, crashes)"
       " VALUES (?, ?, ?, ?, ?, ?, '', '', 0, 0, 0)",
       job.id, job.kind, job.result_id, job.request, job.client, job.created)
       .step();
-  write_job(database, job);
+  write_job(database, job, served);
 }
 
 /// The right to use a file, held by one object in one process.
@@ -268,10 +272,17 @@ class FileLock {
   int descriptor_ = -1;
 };
 
+/// Of a file that is there; others may not even know what it holds.
+void make_private(const std::filesystem::path& file) {
+  std::error_code ignored;  // another owner's, or not there
+  std::filesystem::permissions(file, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write, ignored);
+}
+
 /// A connection that changes the file, which is made if needed, and that has found it whole.
 class Writer {
  public:
   explicit Writer(const std::filesystem::path& file) : lock_(file), connection(file, Connection::Mode::create) {
+    for (const char* end : {"", "-wal", "-shm", ".lock"}) make_private(file.native() + end);
     connection.run(
         "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA trusted_schema = OFF");
     Statement check(connection, "PRAGMA quick_check(1)");
@@ -300,17 +311,59 @@ class Writer {
  public:
   Connection connection;
 };
-}  // namespace
+/// Part of the disk that is taken, so that it can be given back when nothing else is left of it.
+class Room {
+ public:
+  explicit Room(const std::filesystem::path& catalog) : file_(catalog.native() + ".room") {}
 
-Time now() { return std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now()); }
+  void take() const {
+    const int file = ::open(file_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    const bool taken = file >= 0 && ::fallocate(file, 0, 0, bytes) == 0;
+    if (file >= 0) ::close(file);
+    if (!taken) give_back();
+  }
+  /// Whether there was any.
+  bool give_back() const { return ::unlink(file_.c_str()) == 0; }
+
+ private:
+  // What a deletion writes before it frees anything: a log of a thousand pages, after which it starts over.
+  static constexpr off_t bytes = 4 << 20;
+
+  std::filesystem::path file_;
+};
+
+/// Where the time of service stands.
+struct Stand {
+  Time served, wall;
+};
+
+/// As it was noted, or its beginning.
+Stand read_stand(Connection& database, Time wall) {
+  if (Statement row(database, "SELECT served, wall FROM clock"); row.step()) return {row.time(0), row.time(1)};
+  Transaction transaction(database);
+  // Uses were noted by the wall's clock before; none is later than now.
+  Statement(database, "UPDATE resources SET used = min(used, ?)", wall).step();
+  Statement(database, "UPDATE jobs SET ended = min(ended, ?)", wall).step();
+  Time served = wall;
+  if (Statement last(database, "SELECT max(used) FROM resources"); last.step() && !last.is_null(0))
+    served = last.time(0);
+  Statement(database, "INSERT INTO clock (row, served, wall) VALUES (1, ?, ?)", served, wall).step();
+  transaction.commit();
+  return {served, wall};
+}
+
+}  // namespace
 
 std::string_view to_string(JobState state) { return name_of(state_names, state); }
 
 // A write waits for the disk, reads do not wait for writes: they have connections of their own (WAL). What a write has
 // committed, the next read sees.
 struct Catalog::State {
-  explicit State(const std::filesystem::path& file) : writer(file) {
+  State(const std::filesystem::path& file, Clocks given) : clocks(std::move(given)), room(file), writer(file) {
     writer.migrate();
+    const auto steady = clocks.steady();  // first: the time of service is not to begin behind the wall's
+    noted = read_stand(writer.connection, clocks.wall());
+    began = steady - noted.served.time_since_epoch();
     for (std::size_t i = 0; i < reader_count; ++i)
       resting.push_back(std::make_unique<Connection>(file, Connection::Mode::read));
   }
@@ -357,25 +410,52 @@ struct Catalog::State {
     return connection;
   }
 
+  Time served() const { return Time(clocks.steady() - began); }
+
+  const Clocks clocks;
+  const Room room;
   Writer writer;
   std::mutex writing;
-  std::mutex mutex;  // of what follows
+  std::chrono::microseconds began{};  // by the steady clock, of the time of service
+  Stand noted;                        // with `writing` held
+  std::mutex mutex;                   // of what follows
   std::condition_variable returned;
   std::vector<std::unique_ptr<Connection>> resting;
 };
 
-Catalog::Catalog(const std::filesystem::path& file) {
+Catalog::Catalog(const std::filesystem::path& file, Clocks clocks) {
   if (file.has_parent_path()) make_folder(file.parent_path());
   if (std::filesystem::is_directory(file)) throw_corrupt();
-  state_ = std::make_unique<State>(file);
+  try {
+    state_ = std::make_unique<State>(file, clocks);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::no_space || !Room(file).give_back()) throw;
+    state_ = std::make_unique<State>(file, std::move(clocks));
+  }
 }
 
 Catalog::~Catalog() = default;
 
+void Catalog::reserve_room() {
+  const State::Writing use(*state_);
+  state_->room.take();
+}
+
+Time Catalog::served() const { return state_->served(); }
+
+std::chrono::microseconds Catalog::note_time() {
+  const State::Writing use(*state_);
+  const Stand stand{state_->served(), state_->clocks.wall()};
+  Statement(use.database, "UPDATE clock SET served = ?, wall = ?", stand.served, stand.wall).step();
+  const auto moved = (stand.wall - state_->noted.wall) - (stand.served - state_->noted.served);
+  state_->noted = stand;
+  return moved;
+}
+
 bool Catalog::add(const Resource& resource) {
   const State::Writing use(*state_);
   Transaction transaction(use.database);
-  const bool added = insert_resource(use.database, resource);
+  const bool added = insert_resource(use.database, resource, state_->clocks.wall(), state_->served());
   if (added) transaction.commit();
   return added;
 }
@@ -390,17 +470,22 @@ std::optional<Resource> Catalog::find(const std::string& id) const {
 namespace {
 
 // One row more than the page tells whether there is a next one, without counting.
-/// `row` yields rows in descending seq (column 0), one more than `limit` when there are more.
+/// `row` yields rows in descending seq (column 0) with their ids (column 1), one more than `limit` when there are more.
 template <typename T, typename Read>
 Page<T> read_page(Statement& row, std::size_t limit, const Read& read) {
   Page<T> page;
   std::int64_t last = 0;
   while (row.step()) {
-    if (page.items.size() == limit) {
+    if (page.items.size() + page.damaged.size() == limit) {
       page.next = std::to_string(last);
       break;
     }
-    page.items.push_back(read(row));
+    try {
+      page.items.push_back(read(row));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::corrupt) throw;
+      page.damaged.push_back(row.text(1));
+    }
     last = row.integer(0);
   }
   return page;
@@ -431,7 +516,7 @@ Page<Resource> Catalog::list_all(const std::string& cursor, std::size_t limit) c
 
 void Catalog::touch(const std::string& id) {
   const State::Writing use(*state_);
-  touch_with_inputs(use.database, id, now());
+  touch_with_inputs(use.database, id, state_->served());
 }
 
 std::vector<std::string> Catalog::unused_since(const std::string& collection, Time before, std::size_t limit) const {
@@ -443,25 +528,58 @@ std::vector<std::string> Catalog::unused_since(const std::string& collection, Ti
   return found;
 }
 
-std::vector<std::string> Catalog::erase(const std::string& id) {
+std::vector<std::string> Catalog::over_budget(const std::string& collection, std::uint64_t most) const {
+  const State::Reading use(*state_);
+  std::uint64_t sum = 0;
+  if (Statement all(use.database, "SELECT sum(bytes) FROM resources WHERE collection = ?", collection); all.step())
+    sum = static_cast<std::uint64_t>(all.integer(0));
+  Statement row(use.database, "SELECT id, bytes FROM resources WHERE collection = ? ORDER BY used", collection);
+  std::vector<std::string> found;
+  while (sum > most && row.step()) {
+    found.push_back(row.text(0));
+    sum -= std::min(sum, static_cast<std::uint64_t>(row.integer(1)));
+  }
+  return found;
+}
+
+namespace {
+
+std::vector<std::string> erase_row(Connection& database, const std::string& id, const Catalog::BeforeErasing& before) {
   // UNION, not UNION ALL: something made from two descendants appears once.
   constexpr std::string_view doomed =
       "WITH RECURSIVE doomed (seq) AS (SELECT seq FROM resources WHERE id = ?"
       " UNION SELECT i.resource FROM inputs i JOIN doomed d ON i.input = d.seq) ";
-  const State::Writing use(*state_);
-  Transaction transaction(use.database);
+  Transaction transaction(database);
   std::vector<std::string> keys;
   {
-    Statement blobs(use.database,
+    Statement blobs(database,
                     std::string(doomed) + "SELECT key FROM blobs WHERE resource IN doomed ORDER BY resource, position",
                     id);
     while (blobs.step()) keys.push_back(blobs.text(0));
   }
-  Statement(use.database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
-  if (use.database.changes() == 0)
+  Statement(database, std::string(doomed) + "DELETE FROM resources WHERE seq IN doomed", id).step();
+  if (database.changes() == 0)
     throw Error(ErrorCode::not_found, "There is nothing under this id; it may have been deleted.");
+  if (before) before(keys);
   transaction.commit();
   return keys;
+}
+
+}  // namespace
+
+std::vector<std::string> Catalog::erase(const std::string& id, const BeforeErasing& before) {
+  const State::Writing use(*state_);
+  try {
+    return erase_row(use.database, id, before);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::no_space || !state_->room.give_back()) throw;
+    return erase_row(use.database, id, before);
+  }
+}
+
+bool Catalog::holds(const std::string& id, const std::string& collection) const {
+  const State::Reading use(*state_);
+  return Statement(use.database, "SELECT 1 FROM resources WHERE id = ? AND collection = ?", id, collection).step();
 }
 
 bool Catalog::owns_blob(const std::string& key) const {
@@ -472,14 +590,14 @@ bool Catalog::owns_blob(const std::string& key) const {
 void Catalog::add_job(const JobRecord& job) {
   const State::Writing use(*state_);
   Transaction transaction(use.database);
-  insert_job(use.database, job);
+  insert_job(use.database, job, state_->served());
   transaction.commit();
 }
 
 void Catalog::update_job(const JobRecord& job) {
   const State::Writing use(*state_);
   Transaction transaction(use.database);
-  write_job(use.database, job);
+  write_job(use.database, job, state_->served());
   transaction.commit();
 }
 
@@ -487,8 +605,8 @@ bool Catalog::complete_job(const JobRecord& job, const Resource& result) {
   const State::Writing use(*state_);
   Transaction transaction(use.database);
   // A result that is there already is as good: the same id is the same thing.
-  const bool added = insert_resource(use.database, result);
-  write_job(use.database, job);
+  const bool added = insert_resource(use.database, result, state_->clocks.wall(), state_->served());
+  write_job(use.database, job, state_->served());
   transaction.commit();
   return added;
 }
@@ -512,15 +630,28 @@ Page<JobRecord> Catalog::list_jobs(const std::string& cursor, std::size_t limit)
 std::vector<JobRecord> Catalog::unfinished_jobs() const {
   const State::Reading use(*state_);
   Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs WHERE finished IS NULL ORDER BY seq");
-  std::vector<JobRecord> jobs;
-  while (row.step()) jobs.push_back(read_job(use.database, row));
-  return jobs;
+  return read_page<JobRecord>(row, std::numeric_limits<std::size_t>::max(),
+                              [&](const Statement& r) { return read_job(use.database, r); })
+      .items;
 }
 
 std::size_t Catalog::forget_jobs(Time ended_before) {
   const State::Writing use(*state_);
-  Statement(use.database, "DELETE FROM jobs WHERE finished < ?", ended_before).step();
+  Statement(use.database, "DELETE FROM jobs WHERE ended < ?", ended_before).step();
   return static_cast<std::size_t>(use.database.changes());
+}
+
+std::vector<std::string> Catalog::damaged_jobs() const {
+  const State::Reading use(*state_);
+  Statement row(use.database, "SELECT " + std::string(job_columns) + " FROM jobs ORDER BY seq DESC");
+  return read_page<JobRecord>(row, std::numeric_limits<std::size_t>::max(),
+                              [&](const Statement& r) { return read_job(use.database, r); })
+      .damaged;
+}
+
+void Catalog::forget_job(const std::string& id) {
+  const State::Writing use(*state_);
+  Statement(use.database, "DELETE FROM jobs WHERE id = ?", id).step();
 }
 
 void Catalog::verify() const {
@@ -558,6 +689,18 @@ std::size_t read_rows(Connection& source, const char* last_row, const Read& read
 
 }  // namespace
 
+namespace {
+
+/// Without it, the time of service begins anew, at the last use.
+void salvage_clock(Connection& source, Connection& fresh) try {
+  if (Statement row(source, "SELECT served, wall FROM clock"); row.step())
+    Statement(fresh, "INSERT INTO clock (row, served, wall) VALUES (1, ?, ?)", row.time(0), row.time(1)).step();
+} catch (const Error& error) {
+  if (error.code() != ErrorCode::corrupt) throw;
+}
+
+}  // namespace
+
 Salvage salvage_catalog(const std::filesystem::path& damaged, const std::filesystem::path& to) {
   SPHERULE_CHECK(!std::filesystem::exists(to));
   const FileLock lock(damaged);
@@ -584,10 +727,11 @@ Salvage salvage_catalog(const std::filesystem::path& damaged, const std::filesys
     if (!row.step()) return;
     const JobRecord job = read_job(source, row);
     Transaction transaction(fresh);
-    insert_job(fresh, job);
+    insert_job(fresh, job, job.finished.value_or(Time()));
     transaction.commit();
     ++salvage.jobs;
   });
+  salvage_clock(source, fresh);
   fresh.run("PRAGMA synchronous = FULL; PRAGMA wal_checkpoint(TRUNCATE)");
   return salvage;
 }
@@ -607,6 +751,7 @@ void remove_all(BlobStore& blobs, const std::vector<std::string>& keys) {
 bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource) {
   try {
     const bool added = catalog.add(resource);
+    if (added) settle_all(blobs, resource.blobs);
     if (!added) remove_all(blobs, resource.blobs);
     return added;
   } catch (const Error& error) {
@@ -616,15 +761,51 @@ bool publish(Catalog& catalog, BlobStore& blobs, const Resource& resource) {
   }
 }
 
+void settle_all(BlobStore& blobs, const std::vector<std::string>& keys) {
+  for (const std::string& key : keys) blobs.settle(key);
+}
+
 std::vector<std::string> withdraw(Catalog& catalog, BlobStore& blobs, const std::string& id) {
-  std::vector<std::string> keys = catalog.erase(id);
+  std::vector<std::string> keys;
+  try {
+    keys = catalog.erase(id, [&](const std::vector<std::string>& doomed) {
+      keys = doomed;
+      for (const std::string& key : doomed) blobs.unsettle(key);
+    });
+  } catch (const Error& error) {
+    // After an I/O error it may be gone all the same.
+    if (error.code() != ErrorCode::corrupt) settle_all(blobs, keys);
+    throw;
+  }
   remove_all(blobs, keys);
   return keys;
 }
 
-void remove_orphans(const Catalog& catalog, BlobStore& blobs) {
-  for (const std::string& key : blobs.keys())
-    if (!catalog.owns_blob(key)) blobs.remove(key);
+void throw_lost_catalogue() {
+  throw Error(ErrorCode::corrupt,
+              "Most of the stored data is unknown to the catalogue, which is missing or older than the data; put back "
+              "the catalogue that belongs to it, or move this data to the folder `damaged` with `spheruled fsck "
+              "--repair`.");
+}
+
+void sort_out_orphans(const Catalog& catalog, BlobStore& blobs,
+                      const std::function<void(const std::string& key)>& set_aside) {
+  const std::vector<std::string> known_travellers = blobs.unsettled();
+  const std::set<std::string> travelling(known_travellers.begin(), known_travellers.end());
+  std::vector<std::string> unknown, left;
+  std::size_t owned = 0;
+  for (std::string& key : blobs.keys()) {
+    if (catalog.owns_blob(key))
+      ++owned;
+    else
+      (travelling.contains(key) ? left : unknown).push_back(std::move(key));
+  }
+  if (unknown.size() > owned) throw_lost_catalogue();
+  std::ranges::for_each(unknown, set_aside);
+  remove_all(blobs, left);
+  // Of owned ones, and of those that never came or are gone, nothing is left to be said.
+  for (const std::string& key : known_travellers)
+    if (std::ranges::find(left, key) == left.end()) blobs.settle(key);
 }
 
 }  // namespace spherule::server

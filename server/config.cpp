@@ -24,7 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::seconds;
 
-constexpr std::uint64_t many = std::numeric_limits<std::int64_t>::max();
+// More than any of them will be, and with room to be counted in smaller units, added up and compared.
+constexpr std::uint64_t many = std::uint64_t{1} << 40;                     // things
+constexpr std::uint64_t many_bytes = std::uint64_t{1} << 50;               // a pebibyte
+constexpr std::uint64_t many_seconds = std::uint64_t{100} * 365 * 86'400;  // a hundred years
 
 using Field = std::variant<std::string Config::*, fs::path Config::*, std::uint16_t Config::*, unsigned Config::*,
                            std::uint64_t Config::*, seconds Config::*, std::vector<ApiKey> Config::*>;
@@ -47,19 +50,24 @@ const std::array settings = {
     Setting{"jobs_at_once", "N", "jobs that run side by side, sharing the threads", &Config::jobs_at_once, 1, 256},
     Setting{"job_memory_bytes", "BYTES",
             "memory for running jobs, by estimate; 0: three quarters of the machine's or container's",
-            &Config::job_memory_bytes, 0, many},
+            &Config::job_memory_bytes, 0, many_bytes},
     Setting{"queue_length", "N", "jobs that may wait", &Config::queue_length, 1, 1'000'000},
     Setting{"queue_per_client", "N", "jobs of one client that may wait", &Config::queue_per_client, 1, 1'000'000},
     Setting{"drain", "TIME", "how long running jobs may go on once the server is told to stop", &Config::drain, 0,
             86400},
     Setting{"keep_volumes", "TIME", "delete volumes not used for so long, with all made from them; 0: never",
-            &Config::keep_volumes, 0, many},
-    Setting{"keep_models", "TIME", "delete models not used for so long; 0: never", &Config::keep_models, 0, many},
+            &Config::keep_volumes, 0, many_seconds},
+    Setting{"keep_models", "TIME", "delete models not used for so long; 0: never", &Config::keep_models, 0,
+            many_seconds},
     Setting{"keep_answers", "TIME", "delete stored answers (pictures, exports …) not used for so long; 0: never",
-            &Config::keep_answers, 0, many},
-    Setting{"keep_jobs", "TIME", "forget jobs that ended so long ago; 0: never", &Config::keep_jobs, 0, many},
-    Setting{"max_body_bytes", "BYTES", "largest request", &Config::max_body_bytes, 1, many},
-    Setting{"max_decompressed_bytes", "BYTES", "largest volume, unpacked", &Config::max_decompressed_bytes, 1, many},
+            &Config::keep_answers, 0, many_seconds},
+    Setting{"keep_jobs", "TIME", "forget jobs that ended so long ago; 0: never", &Config::keep_jobs, 0, many_seconds},
+    Setting{"max_answer_bytes", "BYTES",
+            "stored answers together; the least recently used go first, and are made again when asked for; 0: no limit",
+            &Config::max_answer_bytes, 0, many_bytes},
+    Setting{"max_body_bytes", "BYTES", "largest request", &Config::max_body_bytes, 1, many_bytes},
+    Setting{"max_decompressed_bytes", "BYTES", "largest volume, unpacked", &Config::max_decompressed_bytes, 1,
+            many_bytes},
     Setting{"max_voxels", "N", "most samples of a volume", &Config::max_voxels, 1, many},
     Setting{"max_boundary_points", "N", "most boundary points of a model", &Config::max_boundary_points, 1, many},
     Setting{"max_spheres", "N", "most spheres of an imported set", &Config::max_spheres, 1, many},
@@ -69,7 +77,7 @@ const std::array settings = {
     Setting{"max_streams", "N", "event streams at once", &Config::max_streams, 0, 100'000},
     Setting{"cors_origins", "ORIGIN,...", "whose pages may read answers; *: all", &Config::cors_origins},
     Setting{"model_cache_bytes", "BYTES", "memory for sphere models that were used lately", &Config::model_cache_bytes,
-            0, many},
+            0, many_bytes},
 };
 
 std::string flag_of(std::string_view key) {
@@ -108,16 +116,17 @@ std::uint64_t parse_number(const Setting& setting, const std::string& source, st
   if (valid && end + 1 == text.data() + text.size()) {
     const auto units = units_of(setting);
     const auto unit = std::ranges::find(units, *end, &Unit::letter);
-    valid = unit != units.end() && value <= many / unit->factor;
+    valid = unit != units.end() && value <= setting.most / unit->factor;
     if (valid) value *= unit->factor;
     ++end;
   }
   valid = valid && end == text.data() + text.size();
   if (!valid || value < setting.least || value > setting.most) {
-    std::string allowed = "a whole number of at least " + std::to_string(setting.least);
-    if (setting.most != many)
-      allowed = "a whole number from " + std::to_string(setting.least) + " to " + std::to_string(setting.most);
-    if (setting.placeholder == "BYTES") allowed += ", optionally with K, M or G";
+    std::string allowed =
+        "a whole number from " + std::to_string(setting.least) + " to " + std::to_string(setting.most);
+    if (setting.placeholder == "BYTES")
+      allowed = "a whole number of at least " + std::to_string(setting.least) + " and at most " +
+                std::to_string(setting.most) + ", optionally with K, M or G";
     if (setting.placeholder == "TIME") allowed += ", in seconds or with s, m, h or d";
     refuse(source + " needs " + allowed);
   }

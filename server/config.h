@@ -40,6 +40,8 @@ struct Config {
 
   std::chrono::seconds keep_volumes{0}, keep_models{0}, keep_answers{0}, keep_jobs{0};  ///< unused for so long: 0 ever
 
+  std::uint64_t max_answer_bytes = std::uint64_t{8} << 30;  ///< of stored answers together; 0: as many as there are
+
   std::uint64_t max_body_bytes = std::uint64_t{2} << 30;          ///< of one request, as sent
   std::uint64_t max_decompressed_bytes = std::uint64_t{8} << 30;  ///< of its samples, unpacked
   std::uint64_t max_voxels = std::uint64_t{1} << 30;              ///< samples of a volume

@@ -2,13 +2,22 @@
 #include "server/fsck.h"
 
 #include <algorithm>
+#include <array>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <map>
 #include <memory>
 #include <optional>
 #include <system_error>
 
 #include "core/base/error.h"
+#include "server/aside.h"
 #include "server/blob_store.h"
 #include "server/catalog.h"
+#include "server/replies.h"
+#include "server/resumable.h"
+#include "server/store.h"
 
 namespace spherule::server {
 
@@ -35,30 +44,29 @@ void move(const fs::path& from, const fs::path& to) {
   if (failed && failed != std::errc::no_such_file_or_directory) throw_unwritable();
 }
 
-/// A name below damaged/ that is not taken.
-fs::path place_for(const fs::path& data, std::string name) {
-  std::ranges::replace(name, '/', '_');
-  fs::path place = data / "damaged" / name;
-  for (int i = 1; fs::exists(place); ++i) place = data / "damaged" / (name + "." + std::to_string(i));
-  return place;
+// All that a catalogue has beside its file.
+constexpr std::array companions = {"-wal", "-shm", ".lock", ".room"};
+
+void remove_catalog(const fs::path& file) {
+  fs::remove(file);
+  for (const char* end : companions) fs::remove(file.native() + end);
 }
 
 void replace_catalog(const fs::path& data, std::vector<Finding>& findings) {
   const fs::path file = data / catalog_name, fresh = data / "catalog.salvaged";
-  const auto remove = [](const fs::path& base) {
-    for (const char* end : {"", "-wal", "-shm", ".lock"}) fs::remove(base.native() + end);
-  };
-  remove(fresh);  // of a repair that was interrupted
+  remove_catalog(fresh);  // of a repair that was interrupted
   const Salvage salvage = salvage_catalog(file, fresh);
   if (salvage.lost > 0) findings.push_back({Kind::lost_row, std::to_string(salvage.lost)});
-  const fs::path aside = place_for(data, catalog_name);
-  make_folder(aside.parent_path());
-  fs::create_hard_link(file, aside);
+  // A link, so that there is a catalogue at any time.
+  const fs::path link = data / "catalog.aside";
+  fs::remove(link);
+  fs::create_hard_link(file, link);
+  const fs::path aside = set_aside(data, link, catalog_name);
   // A write-ahead log would be taken for the new catalogue's.
   for (const char* end : {"-wal", "-shm"})
     if (fs::exists(file.native() + end)) move(file.native() + end, aside.native() + end);
   move(fresh, file);
-  remove(fresh);
+  remove_catalog(fresh);
   sync_to_disk(data);
 }
 
@@ -75,18 +83,28 @@ std::unique_ptr<Catalog> open_sound(const fs::path& file, std::vector<Finding>& 
   }
 }
 
+/// Of all that can be read; returns the ids of the others.
 template <typename F>
-void for_each_resource(const Catalog& catalog, const F& f) {
+std::vector<std::string> for_each_resource(const Catalog& catalog, const F& f) {
+  std::vector<std::string> damaged;
   std::string cursor;
   do {
     const Page<Resource> page = catalog.list_all(cursor, 1000);
     std::ranges::for_each(page.items, f);
+    damaged.insert(damaged.end(), page.damaged.begin(), page.damaged.end());
     cursor = page.next;
   } while (!cursor.empty());
+  return damaged;
 }
 
-/// What is wrong with a resource's blobs.
+/// What is wrong with a resource's record, or its blobs.
 std::optional<Kind> fault_of(const Resource& resource, const BlobStore& blobs) {
+  try {
+    check_record(resource);
+  } catch (const Error& error) {
+    if (error.code() == ErrorCode::corrupt) return Kind::damaged_record;
+    throw;
+  }
   try {
     for (const std::string& key : resource.blobs) blobs.open(key).verify();
   } catch (const Error& error) {
@@ -111,57 +129,167 @@ bool copy_blob(const fs::path& from, const fs::path& to) {
   return true;
 }
 
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// One check, and what it mends.
+class Check {
+ public:
+  Check(const fs::path& data, bool repair) : data_(data), repair_(repair) {}
+
+  StoreReport run() {
+    const std::unique_ptr<Catalog> catalog = open_catalog();
+    if (!catalog) return std::move(report_);
+    FileBlobStore blobs(data_ / blobs_name);
+    bring_back(*catalog, blobs);
+    const std::map<std::string, Kind> faulty = check_resources(*catalog, blobs);
+    check_owners(*catalog, blobs);
+    if (repair_) withdraw_faulty(*catalog, blobs, faulty);
+    check_jobs(*catalog);
+    check_small_files("uploads", ".info", [](const std::string& text) { return is_sound_upload(text); });
+    check_small_files("replies", "", [](const std::string& text) { return reply_in(text).has_value(); });
+    for_each_resource(*catalog, [&](const Resource& resource) {
+      if (faulty.contains(resource.id)) return;
+      ++report_.resources;
+      report_.blobs += resource.blobs.size();
+      report_.bytes += resource.bytes;
+    });
+    return std::move(report_);
+  }
+
+ private:
+  void find(Kind kind, std::string what = {}) { report_.findings.push_back({kind, std::move(what)}); }
+
+  /// Nothing when there is none that can be used, and none is to be made.
+  std::unique_ptr<Catalog> open_catalog() {
+    const fs::path file = data_ / catalog_name;
+    if (!fs::exists(file)) {
+      if (FileBlobStore::keys_in(data_ / blobs_name).empty()) throw_no_catalog();
+      find(Kind::missing_catalogue);
+      return repair_ ? std::make_unique<Catalog>(file) : nullptr;
+    }
+    std::unique_ptr<Catalog> catalog = open_sound(file, report_.findings);
+    if (catalog || !repair_) return catalog;
+    replace_catalog(data_, report_.findings);
+    catalog = open_sound(file, report_.findings);
+    if (!catalog) throw_no_catalog();
+    return catalog;
+  }
+
+  /// What was moved to damaged/ while the catalogue was another one.
+  void bring_back(const Catalog& catalog, const BlobStore& blobs) {
+    if (!repair_ || !fs::exists(data_ / "damaged")) return;
+    for_each_resource(catalog, [&](const Resource& resource) {
+      for (const std::string& key : resource.blobs) {
+        const fs::path file = data_ / blobs_name / key, aside = place_aside(data_, key);
+        if (fs::exists(file) || !fs::exists(aside)) continue;
+        move(aside, file);
+        try {
+          blobs.open(key).verify();
+          find(Kind::recovered_blob, resource.id);
+        } catch (const Error& error) {
+          if (error.code() != ErrorCode::corrupt) throw;
+          move(file, aside);
+        }
+      }
+    });
+  }
+
+  std::map<std::string, Kind> check_resources(const Catalog& catalog, const BlobStore& blobs) {
+    std::map<std::string, Kind> faulty;
+    const std::vector<std::string> unreadable = for_each_resource(catalog, [&](const Resource& resource) {
+      const std::optional<Kind> fault = fault_of(resource, blobs);
+      if (!fault) return;
+      find(*fault, resource.id);
+      faulty.emplace(resource.id, *fault);
+    });
+    for (const std::string& id : unreadable) {
+      find(Kind::damaged_record, id);
+      faulty.emplace(id, Kind::damaged_record);
+    }
+    return faulty;
+  }
+
+  void check_owners(const Catalog& catalog, BlobStore& blobs) {
+    for (const std::string& key : blobs.keys()) {
+      if (catalog.owns_blob(key)) continue;
+      find(Kind::unowned_blob, key);
+      if (repair_) put_aside(blobs, key);
+    }
+  }
+
+  void withdraw_faulty(Catalog& catalog, BlobStore& blobs, const std::map<std::string, Kind>& faulty) {
+    for (const auto& [id, fault] : faulty) {
+      try {
+        if (const auto resource = catalog.find(id); resource && fault == Kind::damaged_record)
+          set_text_aside(data_, resource->request + "\n" + resource->document + "\n", id + ".record");
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::corrupt) throw;  // else there is nothing to keep
+      }
+      try {
+        for (const std::string& key : catalog.erase(id)) put_aside(blobs, key);
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::not_found) throw;  // else it went with what it was made from
+      }
+    }
+  }
+
+  void check_jobs(Catalog& catalog) {
+    for (const std::string& id : catalog.damaged_jobs()) {
+      find(Kind::damaged_job, id);
+      if (repair_) catalog.forget_job(id);
+    }
+  }
+
+  /// Files of which `sound` does not hold, with all that has their name.
+  void check_small_files(const char* folder, std::string_view end,
+                         const std::function<bool(const std::string&)>& sound) {
+    std::vector<fs::path> damaged;
+    std::error_code missing;
+    for (const fs::directory_entry& entry : fs::directory_iterator(data_ / folder, missing)) {
+      const fs::path& file = entry.path();
+      // Drafts of what was never acknowledged go with the next start.
+      if (file.extension() == end && !sound(text_of(file))) damaged.push_back(file);
+    }
+    for (const fs::path& file : damaged) {
+      find(Kind::damaged_file, std::string(folder) + "/" + file.filename().native());
+      if (!repair_) continue;
+      for (const fs::path& part : {file, fs::path(file).replace_extension(end.empty() ? "" : ".part")})
+        set_aside(data_, part, std::string(folder) + "/" + part.filename().native());
+    }
+  }
+
+  void put_aside(BlobStore& blobs, const std::string& key) {
+    set_aside(data_, data_ / blobs_name / key, key);
+    blobs.settle(key);
+  }
+
+  const fs::path data_;
+  const bool repair_;
+  StoreReport report_;
+};
+
 }  // namespace
 
 std::string_view to_string(Kind kind) {
   switch (kind) {
+    case Kind::missing_catalogue: return "the catalogue is missing";
     case Kind::damaged_catalogue: return "the catalogue is damaged";
     case Kind::lost_row: return "rows of the catalogue that are lost";
+    case Kind::damaged_record: return "a record is damaged";
+    case Kind::damaged_job: return "a job's record is damaged";
+    case Kind::damaged_file: return "a file is damaged";
     case Kind::missing_blob: return "a blob is missing";
     case Kind::damaged_blob: return "a blob is damaged";
+    case Kind::recovered_blob: return "a blob was brought back from damaged/";
     case Kind::unowned_blob: break;
   }
   return "nothing owns this blob";
 }
 
-StoreReport check_store(const fs::path& data, bool repair) {
-  const fs::path file = data / catalog_name;
-  if (!fs::exists(file)) throw_no_catalog();
-  StoreReport report;
-  std::unique_ptr<Catalog> catalog = open_sound(file, report.findings);
-  if (!catalog) {
-    if (!repair) return report;
-    replace_catalog(data, report.findings);
-    catalog = open_sound(file, report.findings);
-    if (!catalog) throw_no_catalog();
-  }
-  FileBlobStore blobs(data / blobs_name);
-  const auto set_aside = [&](const std::string& key) { move(data / blobs_name / key, place_for(data, key)); };
-
-  std::vector<std::string> faulty;
-  for_each_resource(*catalog, [&](const Resource& resource) {
-    const std::optional<Kind> fault = fault_of(resource, blobs);
-    if (!fault) return;
-    report.findings.push_back({*fault, resource.id});
-    faulty.push_back(resource.id);
-  });
-  for (const std::string& key : blobs.keys())
-    if (!catalog->owns_blob(key)) {
-      report.findings.push_back({Kind::unowned_blob, key});
-      if (repair) set_aside(key);
-    }
-  if (repair)
-    for (const std::string& id : faulty)
-      if (catalog->find(id))  // else it went with what it was made from
-        std::ranges::for_each(catalog->erase(id), set_aside);
-  for_each_resource(*catalog, [&](const Resource& resource) {
-    if (!repair && std::ranges::find(faulty, resource.id) != faulty.end()) return;
-    ++report.resources;
-    report.blobs += resource.blobs.size();
-    report.bytes += resource.bytes;
-  });
-  return report;
-}
+StoreReport check_store(const fs::path& data, bool repair) { return Check(data, repair).run(); }
 
 StoreReport copy_store(const fs::path& from, const fs::path& to) {
   const fs::path file = to / catalog_name, partial = to / "catalog.partial";
@@ -169,7 +297,7 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   if (fs::exists(file) || fs::exists(to / blobs_name))
     throw Error(ErrorCode::conflict, "The folder to copy to holds data already; name a new one.");
   make_folder(to);
-  for (const char* end : {"", "-wal", "-shm", ".lock"}) fs::remove(partial.native() + end);
+  remove_catalog(partial);
   copy_catalog(from / catalog_name, partial);
   {
     const Catalog catalog(partial);

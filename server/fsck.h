@@ -15,10 +15,15 @@ namespace spherule::server {
 
 struct Finding {
   enum class Kind : std::uint8_t {
+    missing_catalogue,  ///< there are blobs, but no catalogue; `what` is empty
     damaged_catalogue,  ///< SQLite's check fails; `what` is empty
     lost_row,           ///< of a damaged catalogue: could not be read; `what` is how many
+    damaged_record,     ///< what the catalogue says of a resource cannot be read; `what` is its id
+    damaged_job,        ///< nor what it says of a job; `what` is its id
+    damaged_file,       ///< an unfinished upload, or a reply under an idempotency key; `what` is folder and name
     missing_blob,       ///< the catalogue names it, and it is not there; `what` is the resource's id
     damaged_blob,       ///< its bytes do not have their digest; `what` is the resource's id
+    recovered_blob,     ///< it was in damaged/, and is back; `what` is the resource's id
     unowned_blob,       ///< nothing in the catalogue names it; `what` is its key
   };
   Kind kind;
@@ -33,14 +38,15 @@ struct StoreReport {
 
 /// Compares catalogue and blobs of a data folder that no server uses, reading every byte. With `repair`:
 ///
-/// - a damaged catalogue is replaced by one of the rows that can still be read;
-/// - resources with a missing or damaged blob leave the catalogue, with all that was made from them: the same upload,
-/// or
-///   the same request, then makes them anew;
-/// - blobs that nothing names any more, damaged ones and the damaged catalogue move to `damaged/` in the data folder.
-///   Nothing is deleted.
+/// - a damaged catalogue is replaced by one of the rows that can still be read, a missing one by an empty one;
+/// - blobs that are missing and lie in `damaged/`, whole, come back: a server that met another catalogue moved them;
+/// - resources with a damaged record, or a missing or damaged blob, leave the catalogue, with all that was made from
+///   them: the same upload, or the same request, then makes them anew;
+/// - records of jobs that cannot be read leave it, too;
+/// - blobs that nothing names any more, damaged ones, damaged records and files, and the damaged catalogue move to
+///   `damaged/` in the data folder. Nothing but a job's record is deleted.
 ///
-/// Throws busy when a server uses the folder, not_found when there is no catalogue in it, and corrupt when the
+/// Throws busy when a server uses the folder, not_found when it has neither catalogue nor blobs, and corrupt when the
 /// catalogue is beyond reading (then only a backup helps).
 StoreReport check_store(const std::filesystem::path& data, bool repair);
 

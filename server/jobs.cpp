@@ -501,7 +501,10 @@ void JobPool::State::run(const JobPtr& job) {
     } else if (result) {
       try {
         JobRecord record = ended(job->record, JobState::succeeded);
-        if (catalog.complete_job(record, *result)) unneeded.clear();
+        if (catalog.complete_job(record, *result)) {
+          settle_all(blobs, unneeded);
+          unneeded.clear();
+        }
         end(*job, std::move(record));
       } catch (...) {
         const JobError why = reason(job->record.id);
@@ -601,6 +604,7 @@ Page<JobStatus> JobPool::list(const std::string& cursor, std::size_t limit) cons
   Page<JobRecord> records = state_->catalog.list_jobs(cursor, limit);
   Page<JobStatus> page;
   page.next = std::move(records.next);
+  page.damaged = std::move(records.damaged);
   for (JobRecord& record : records.items) {
     const auto job = state_->find(record.id);
     page.items.push_back(job ? state_->status(*job) : status_of(std::move(record)));

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // spheruled: configuration -> store -> jobs -> listener, until SIGTERM or SIGINT; and the operator's commands.
+#include <sys/stat.h>
+
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -77,7 +79,12 @@ int serve(const server::Config& config) {
                  server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
              if (!audit.append(event, false)) log(event);
            },
-       .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); }},
+       .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); },
+       .aside = [](const std::string& name) { log(server::LogLine("set_aside").add("object", name)); },
+       .clock_moved =
+           [](std::chrono::seconds by) {
+             log(server::LogLine("clock_moved").add("seconds", std::int64_t{by.count()}));
+           }},
       [&] {
         std::vector<api::Metric> metrics = requests.collect();
         for (auto& metric : metrics_of(listener->load())) metrics.push_back(std::move(metric));
@@ -171,6 +178,7 @@ int run(const server::CommandLine& line) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  ::umask(0077);  // scans, and what is known of them, are nobody else's business
   try {
     return run(server::parse_command_line(std::span<const char* const>(argv + 1, argv + argc),
                                           [](const char* name) { return std::getenv(name); }));

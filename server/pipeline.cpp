@@ -48,6 +48,7 @@ constexpr std::size_t kWaiters = 64;
 constexpr std::chrono::milliseconds kLooks{50};
 // How long unfinished uploads and the replies under idempotency keys are kept.
 constexpr std::chrono::hours kKeepUploads{24}, kKeepReplies{24};
+constexpr std::size_t kMostUploads = 1000;
 
 api::JobState api_state(JobState state) {
   switch (state) {
@@ -59,6 +60,17 @@ api::JobState api_state(JobState state) {
     case JobState::cancelled: break;
   }
   return api::JobState::cancelled;
+}
+
+// Empty when the record of what was asked cannot be read, such as that of a picture with options of old.
+std::string path_of_result(const JobRecord& record) try {
+  if (record.kind == registration_kind) return "/v1/registrations/" + record.result_id;
+  if (record.kind == registration_answer_kind) return api::path_of(api::registration_answer_from(record.request));
+  if (record.kind == "model" || record.kind == "simplification") return "/v1/models/" + record.result_id;
+  return api::path_of(api::derived_from(record.request));
+} catch (const Error& error) {
+  if (error.code() != ErrorCode::corrupt) throw;
+  return {};
 }
 
 JobInfo job_info(const JobStatus& status) {
@@ -77,15 +89,7 @@ JobInfo job_info(const JobStatus& status) {
   job.remaining_s = status.remaining_s;
   job.warnings = record.warnings;
   if (record.error && record.error->code) job.error.emplace(*record.error->code, record.error->sentence);
-  if (record.state == JobState::succeeded && record.kind == registration_kind) {
-    job.result = "/v1/registrations/" + record.result_id;
-  } else if (record.state == JobState::succeeded && record.kind == registration_answer_kind) {
-    job.result = api::path_of(api::registration_answer_from(record.request));
-  } else if (record.state == JobState::succeeded) {
-    job.result = record.kind == "model" || record.kind == "simplification"
-                     ? "/v1/models/" + record.result_id
-                     : api::path_of(api::derived_from(record.request));
-  }
+  if (record.state == JobState::succeeded) job.result = path_of_result(record);
   return job;
 }
 
@@ -195,9 +199,9 @@ struct Pipeline::State {
   std::jthread sweeper;  // of what is over its time
 
   State(const Config& config, PipelineLogs given, MetricSource others)
-      : store(config),
-        uploads(config.data / "uploads", config.max_body_bytes, kKeepUploads),
-        replies(config.data / "replies", kKeepReplies),
+      : store(config, given.aside),
+        uploads(config.data / "uploads", config.max_body_bytes, kKeepUploads, kMostUploads, store.surroundings()),
+        replies(config.data / "replies", kKeepReplies, store.surroundings()),
         more(std::move(others)),
         logs(std::move(given)),
         pool(
@@ -221,20 +225,15 @@ struct Pipeline::State {
   // Every hour, or ten times within the shortest time that anything is kept.
   void sweep(const std::stop_token& stop) {
     std::chrono::seconds period{3600};
-    const std::chrono::seconds keep_jobs = store.config.keep_jobs;
     std::vector<Keeping> times = store.keeping();
-    times.push_back({"jobs", keep_jobs});
+    times.push_back({"jobs", store.config.keep_jobs});
     for (const Keeping& keep : times) {
       if (keep.unused.count() > 0) period = std::min(period, std::max(keep.unused / 10, std::chrono::seconds(1)));
     }
     std::unique_lock lock(mutex);
     while (!stop.stop_requested()) {
       try {
-        expire(store.catalog, store.keeping(), now(), [&](const std::string& id) {
-          remove(id);
-          if (logs.expired) logs.expired(id);
-        });
-        if (keep_jobs.count() > 0) store.catalog.forget_jobs(now() - keep_jobs);
+        sweep_once();
       } catch (const std::exception& error) {
         if (logs.fault) logs.fault("retention", error.what());
       } catch (...) {
@@ -242,6 +241,26 @@ struct Pipeline::State {
       }
       wake.wait_for(lock, stop, period, [] { return false; });
     }
+    try {
+      store.catalog.note_time();
+    } catch (const Error&) {
+      // What was served since the last time does not count, so that things are kept a little longer.
+    }
+  }
+
+  void sweep_once() {
+    const auto moved = store.catalog.note_time();
+    store.catalog.reserve_room();
+    if (is_jump(moved)) {
+      if (logs.clock_moved) logs.clock_moved(std::chrono::round<std::chrono::seconds>(moved));
+      return;
+    }
+    const Time served = store.catalog.served();
+    expire(store.catalog, store.keeping(), served, [&](const std::string& id) {
+      remove(id);
+      if (logs.expired) logs.expired(id);
+    });
+    if (store.config.keep_jobs.count() > 0) store.catalog.forget_jobs(served - store.config.keep_jobs);
   }
 
   // Takes as much memory for a request's own work as it needs by now, waiting as long as a request may.
@@ -324,9 +343,14 @@ struct Pipeline::State {
   // A mapped page of a list of the catalogue.
   template <typename T, typename F>
   api::Page<T> page(const char* collection, const api::PageRequest& wanted, F&& from) const {
-    const Page<Resource> found = store.catalog.list(collection, wanted.cursor, wanted.limit);
-    api::Page<T> result{.items = {}, .next = found.next};
-    for (const Resource& resource : found.items) result.items.push_back(from(resource.document));
+    Page<Resource> found = store.catalog.list(collection, wanted.cursor, wanted.limit);
+    api::Page<T> result{.items = {}, .next = found.next, .damaged = std::move(found.damaged)};
+    for (const Resource& resource : found.items) try {
+        result.items.push_back(from(resource));
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::corrupt) throw;
+        result.damaged.push_back(resource.id);
+      }
     return result;
   }
 };
@@ -424,7 +448,8 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
 }
 
 api::Page<VolumeInfo> Pipeline::volumes(const api::PageRequest& page) {
-  return state_->page<VolumeInfo>(volumes_collection, page, api::volume_from);
+  return state_->page<VolumeInfo>(volumes_collection, page,
+                                  [](const Resource& resource) { return api::volume_from(resource.document); });
 }
 
 VolumeInfo Pipeline::volume(const std::string& id) { return api::volume_from(state_->store.find_volume(id).document); }
@@ -446,7 +471,7 @@ api::Outcome<std::vector<std::uint64_t>> Pipeline::value_histogram(const std::st
 }
 
 void Pipeline::delete_volume(const std::string& id) {
-  static_cast<void>(state_->store.find_volume(id));
+  state_->store.require(id, volumes_collection, "volume");
   state_->remove(id);
 }
 
@@ -495,13 +520,14 @@ api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api
 }
 
 api::Page<ModelInfo> Pipeline::models(const api::PageRequest& page) {
-  return state_->page<ModelInfo>(models_collection, page, api::model_from);
+  return state_->page<ModelInfo>(models_collection, page,
+                                 [](const Resource& resource) { return api::model_from(resource.document); });
 }
 
 ModelInfo Pipeline::model(const std::string& id) { return api::model_from(state_->store.find_model(id).document); }
 
 void Pipeline::delete_model(const std::string& id) {
-  static_cast<void>(state_->store.find_model(id));
+  state_->store.require(id, models_collection, "model");
   state_->remove(id);
 }
 
@@ -564,10 +590,7 @@ api::Outcome<api::StoredRegistration> Pipeline::register_pair(const api::Registr
 }
 
 api::Page<api::RegistrationInfo> Pipeline::registrations(const api::PageRequest& wanted) {
-  const Page<Resource> found = state_->store.catalog.list(registrations_collection, wanted.cursor, wanted.limit);
-  api::Page<api::RegistrationInfo> result{.items = {}, .next = found.next};
-  for (const Resource& resource : found.items) result.items.push_back(registration_info(resource));
-  return result;
+  return state_->page<api::RegistrationInfo>(registrations_collection, wanted, registration_info);
 }
 
 api::RegistrationInfo Pipeline::registration(const std::string& id) {
@@ -575,7 +598,7 @@ api::RegistrationInfo Pipeline::registration(const std::string& id) {
 }
 
 void Pipeline::delete_registration(const std::string& id) {
-  static_cast<void>(registration(id));
+  state_->store.require(id, registrations_collection, "registration");
   state_->remove(id);
 }
 
@@ -587,7 +610,7 @@ api::Outcome<api::Content> Pipeline::derive_from(const api::RegistrationAnswerRe
 
 api::Page<JobInfo> Pipeline::jobs(const api::PageRequest& page) {
   const Page<JobStatus> found = state_->pool.list(page.cursor, page.limit);
-  api::Page<JobInfo> result{.items = {}, .next = found.next};
+  api::Page<JobInfo> result{.items = {}, .next = found.next, .damaged = found.damaged};
   for (const JobStatus& status : found.items) result.items.push_back(job_info(status));
   return result;
 }
@@ -615,9 +638,6 @@ std::optional<JobInfo> Pipeline::cancel_job(const std::string& id) {
 }
 
 api::UploadInfo Pipeline::create_upload(std::uint64_t length, const std::string& filename) {
-  if (length > state_->store.blobs.free_bytes()) {
-    throw Error(ErrorCode::no_space, "The upload does not fit on the server's disk; try again later, or send less.");
-  }
   return state_->uploads.create(length, filename);
 }
 

@@ -27,6 +27,9 @@ struct PipelineLogs {
   EndLog job_ended;
   std::function<void(const std::string& id)> expired;  ///< not used for longer than such things are kept
   std::function<void(const std::string& id)> damaged;  ///< a stored answer, which is made again
+  std::function<void(const std::string& name)> aside;  ///< what was damaged or unknown, and is in damaged/ now
+  /// The clock on the wall has moved by so much more than time was served: it was set, or no server ran.
+  std::function<void(std::chrono::seconds by)> clock_moved;
 };
 
 class Pipeline final : public api::Service {

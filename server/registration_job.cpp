@@ -92,7 +92,7 @@ Resource run_registration_answer(Store& store, const JobRecord& record, JobConte
   answer.request = record.request;
   answer.inputs = {request.registration};
   answer.bytes = bytes.size();
-  answer.blobs = {store.blobs.put("answers/" + record.result_id, bytes)};
+  answer.blobs = {store.put_answer(record.result_id, bytes)};
   return answer;
 }
 

@@ -10,7 +10,6 @@
 namespace spherule::server {
 
 // Collections of the catalogue and kinds of jobs.
-inline constexpr const char* registrations_collection = "registrations";
 inline constexpr const char* registration_kind = "registration";
 inline constexpr const char* registration_answer_kind = "registration_answer";
 

@@ -8,6 +8,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <fstream>
+#include <iterator>
+#include <limits>
+#include <optional>
+#include <sstream>
 #include <vector>
 
 #include "core/base/error.h"
@@ -26,6 +30,11 @@ using std::chrono::system_clock;
 }
 [[noreturn]] void throw_unwritable() {
   throw Error(ErrorCode::no_space, "The server cannot write to its storage; try again later.");
+}
+
+[[noreturn]] void throw_full() {
+  throw Error(ErrorCode::no_space,
+              "The server's storage is full; what has come of this upload is kept for now, so go on later.");
 }
 
 class File {
@@ -60,6 +69,30 @@ bool is_id(const std::string& id) {
   return id.starts_with("upl_") && id.size() > 4 && id.find_first_not_of("0123456789abcdef", 4) == std::string::npos;
 }
 
+struct About {
+  std::uint64_t length = 0;
+  std::string filename;
+  api::Time begun;
+};
+
+std::optional<About> about_in(const std::string& text) {
+  std::istringstream in(text);
+  About about;
+  std::int64_t begun = 0;
+  if (!(in >> about.length) || !in.ignore(1) || !std::getline(in, about.filename) || !(in >> begun) || in.get() != '\n')
+    return {};
+  // Counted in nanoseconds it must fit 64 bits.
+  constexpr std::int64_t latest = std::numeric_limits<std::int64_t>::max() / 1'000'000;
+  if (begun < 0 || begun > latest) return {};
+  about.begun = api::Time(std::chrono::milliseconds(begun));
+  return about;
+}
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
 std::string plain(std::string_view filename) {
   std::string out(filename.substr(0, 255));
   std::ranges::replace_if(
@@ -90,8 +123,11 @@ class ResumableUploads::Busy {
   const std::string& id_;
 };
 
-ResumableUploads::ResumableUploads(fs::path folder, std::uint64_t limit, std::chrono::seconds keep, std::size_t most)
-    : folder_(std::move(folder)), limit_(limit), keep_(keep), most_(most) {
+bool is_sound_upload(std::string_view info) { return about_in(std::string(info)).has_value(); }
+
+ResumableUploads::ResumableUploads(fs::path folder, std::uint64_t limit, std::chrono::seconds keep, std::size_t most,
+                                   Surroundings around)
+    : folder_(std::move(folder)), limit_(limit), keep_(keep), most_(most), around_(std::move(around)) {
   make_folder(folder_);
   sweep();
 }
@@ -99,46 +135,75 @@ ResumableUploads::ResumableUploads(fs::path folder, std::uint64_t limit, std::ch
 fs::path ResumableUploads::part(const std::string& id) const { return folder_ / (id + ".part"); }
 fs::path ResumableUploads::info(const std::string& id) const { return folder_ / (id + ".info"); }
 
+std::vector<std::string> ResumableUploads::ids() const {
+  std::set<std::string> ids;
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder_, ignored))
+    if (const std::string id = entry.path().stem(); is_id(id)) ids.insert(id);
+  return {ids.begin(), ids.end()};
+}
+
+// What was announced and has not come yet.
+std::uint64_t ResumableUploads::missing_bytes() const {
+  std::uint64_t sum = 0;
+  for (const std::string& id : ids()) try {
+      const api::UploadInfo upload = find(id);
+      sum += upload.length - upload.offset;  // at most most_ times limit_
+    } catch (const Error&) {
+      // Gone, or never to be finished.
+    }
+  return sum;
+}
+
 api::UploadInfo ResumableUploads::create(std::uint64_t length, std::string_view filename) {
   if (length > limit_) {
     throw Error(ErrorCode::too_large,
                 "The upload is larger than the " + std::to_string(limit_) + " bytes that this server accepts.");
   }
   sweep();
-  const auto entries = std::distance(fs::directory_iterator(folder_), fs::directory_iterator());
-  if (static_cast<std::size_t>(entries) >= 2 * most_) {
+  const std::lock_guard lock(creating_);
+  if (ids().size() >= most_) {
     throw Error(ErrorCode::busy, "Too many uploads are unfinished; finish or delete some, or try again later.");
   }
+  const std::uint64_t room = around_.free_bytes(), promised = missing_bytes();
+  if (promised > room || length > room - promised) {
+    throw Error(ErrorCode::no_space,
+                "The upload does not fit on the server's disk beside those that are under way; try again later, or "
+                "send less.");
+  }
   const std::string id = random_id("upl");
+  const Busy busy(*this, id);
   const auto begun = std::chrono::duration_cast<std::chrono::milliseconds>(system_clock::now().time_since_epoch());
+  const fs::path draft = folder_ / (id + ".new");
   {
     const File data(part(id), O_WRONLY | O_CREAT | O_EXCL);
-    const File about(info(id), O_WRONLY | O_CREAT | O_EXCL);
-    if (!data.open() || !about.open()) throw_unwritable();
+    const File about(draft, O_WRONLY | O_CREAT | O_EXCL);
+    if (!data.open() || !about.open() || !set_file_time(data.descriptor(), around_.served())) throw_unwritable();
     about.write(std::to_string(length) + "\n" + plain(filename) + "\n" + std::to_string(begun.count()) + "\n");
     about.sync();
   }
   const File folder(folder_, O_RDONLY | O_DIRECTORY);
-  if (::fsync(folder.descriptor()) != 0) throw_unwritable();
+  if (::rename(draft.c_str(), info(id).c_str()) != 0 || ::fsync(folder.descriptor()) != 0) throw_unwritable();
   return find(id);
 }
 
 api::UploadInfo ResumableUploads::find(const std::string& id) const {
-  api::UploadInfo upload;
   struct stat status {};
-  std::ifstream about(is_id(id) ? info(id) : fs::path());
-  std::int64_t begun = 0;
-  if (!is_id(id) || ::stat(part(id).c_str(), &status) != 0 || !(about >> upload.length) || !about.ignore(1) ||
-      !std::getline(about, upload.filename) || !(about >> begun)) {
-    throw_missing();
+  if (!is_id(id) || ::stat(part(id).c_str(), &status) != 0 || !fs::exists(info(id))) throw_missing();
+  const std::optional<About> about = about_in(text_of(info(id)));
+  const auto size = static_cast<std::uint64_t>(status.st_size);
+  if (!about || size > about->length) {
+    throw Error(ErrorCode::corrupt,
+                "The server's record of this upload is damaged; delete the upload and begin it anew.");
   }
-  upload.id = id;
-  upload.offset = static_cast<std::uint64_t>(status.st_size);
-  upload.created = api::Time(std::chrono::milliseconds(begun));
-  upload.expires =
-      std::chrono::time_point_cast<api::Time::duration>(system_clock::from_time_t(status.st_mtime) + keep_);
-  if (upload.expires < system_clock::now()) throw_missing();
-  return upload;
+  const auto left = file_time(part(id)).value_or(Time()) + keep_ - around_.served();
+  if (left < left.zero()) throw_missing();
+  return {.id = id,
+          .filename = about->filename,
+          .length = about->length,
+          .offset = size,
+          .created = about->begun,
+          .expires = system_clock::now() + left};
 }
 
 api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t offset,
@@ -155,15 +220,21 @@ api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t of
   // Whatever happens, what has arrived stays, and the offset that is told next is durable.
   struct Sync {
     const File& file;
-    ~Sync() { ::fdatasync(file.descriptor()); }
+    const Surroundings& around;
+    ~Sync() {
+      set_file_time(file.descriptor(), around.served());
+      ::fdatasync(file.descriptor());
+    }
   };
   {
-    const Sync sync{data};
+    const Sync sync{data, around_};
     std::uint64_t left = upload.length - offset;
     feed([&](std::string_view piece) {
       if (piece.size() > left) {
         throw Error(ErrorCode::too_large, "These are more bytes than the upload was announced to have.");
       }
+      // Others write, too: what was free at the beginning need not be.
+      if (around_.free_bytes() < piece.size()) throw_full();
       data.write(piece);
       left -= piece.size();
     });
@@ -190,26 +261,31 @@ void ResumableUploads::read(const std::string& id, const Take& take) const {
 }
 
 void ResumableUploads::remove(const std::string& id) {
-  find(id);
+  try {
+    find(id);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::corrupt) throw;
+  }
   const Busy busy(*this, id);
-  // The data goes first: what is left of an interrupted removal is swept away as expired.
-  std::error_code ignored;
+  std::error_code ignored;  // the next sweep tries again
   fs::remove(part(id), ignored);
   fs::remove(info(id), ignored);
 }
 
+// All under the mutex: what is busy stays so while it is looked at.
 void ResumableUploads::sweep() {
-  std::error_code ignored;
-  std::vector<std::string> ids;
-  for (const auto& entry : fs::directory_iterator(folder_, ignored)) ids.push_back(entry.path().stem());
-  for (const std::string& id : ids) {
+  const std::lock_guard lock(mutex_);
+  for (const std::string& id : ids()) {
+    if (busy_.contains(id)) continue;
     try {
       find(id);
-    } catch (const Error&) {
-      const std::lock_guard lock(mutex_);
-      if (busy_.contains(id)) continue;
-      fs::remove(part(id), ignored);
-      fs::remove(info(id), ignored);
+    } catch (const Error& error) {
+      const bool damaged = error.code() == ErrorCode::corrupt;
+      std::error_code ignored;
+      for (const fs::path& file : {part(id), info(id), folder_ / (id + ".new")}) {
+        if (!damaged) fs::remove(file, ignored);
+        if (damaged && around_.set_aside) around_.set_aside(file);
+      }
     }
   }
 }

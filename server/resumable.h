@@ -2,8 +2,9 @@
 //
 // Uploads that come in pieces and survive what breaks between them: a connection, a client, this process.
 //
-// Each is two files in one folder: `<id>.part`, whose size is the offset to go on from, and `<id>.info`, three lines:
-// the announced length, the file's name, and when it was begun.
+// Each is two files in one folder: `<id>.part`, whose size is the offset to go on from and whose time is the time of
+// service at which it last grew, and `<id>.info`, three lines: the announced length, the file's name, and when it was
+// begun. The latter comes last and, when an upload is removed, goes last: one without the other is a leftover.
 #pragma once
 
 #include <chrono>
@@ -14,20 +15,24 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "api/service.h"
+#include "server/aside.h"
 
 namespace spherule::server {
 
-/// Thread safe. Every function throws not_found for an id that is unknown or expired.
+/// Thread safe. Every function throws not_found for an id that is unknown or expired, and all but remove() corrupt for
+/// an upload whose record is damaged: the next sweep sets that aside.
 class ResumableUploads {
  public:
   /// Makes the folder if needed. An upload expires when nothing was added to it for `keep`. At most `limit` bytes each,
   /// and `most` at once.
   ResumableUploads(std::filesystem::path folder, std::uint64_t limit, std::chrono::seconds keep,
-                   std::size_t most = 1000);
+                   std::size_t most = 1000, Surroundings around = {});
 
-  /// Durable when it returns. Throws too_large over the limit, busy when there are too many, no_space.
+  /// Durable when it returns. Throws too_large over the limit, busy when there are too many, no_space when the disk has
+  /// no room for it beside what the others lack.
   api::UploadInfo create(std::uint64_t length, std::string_view filename);
   api::UploadInfo find(const std::string& id) const;
 
@@ -47,14 +52,21 @@ class ResumableUploads {
   class Busy;
   std::filesystem::path part(const std::string& id) const;
   std::filesystem::path info(const std::string& id) const;
+  std::vector<std::string> ids() const;
+  std::uint64_t missing_bytes() const;
   void sweep();
 
   const std::filesystem::path folder_;
   const std::uint64_t limit_;
   const std::chrono::seconds keep_;
   const std::size_t most_;
+  const Surroundings around_;
+  std::mutex creating_;  // one looks at the room that is left, and takes of it, at a time
   mutable std::mutex mutex_;
-  std::set<std::string> busy_;  // appended to just now
+  std::set<std::string> busy_;  // made, appended to or removed just now
 };
+
+/// Whether an .info file says what it should.
+bool is_sound_upload(std::string_view info);
 
 }  // namespace spherule::server

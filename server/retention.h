@@ -20,8 +20,15 @@ struct Keeping {
   std::chrono::seconds unused{0};  ///< 0: for ever
 };
 
-/// Calls `remove` for each resource that is over its time at `now`, which deletes it with all that was made from it.
-/// O(what goes). Throws what the catalogue throws, and what `remove` throws except not_found.
+/// Whether the clock on the wall, having moved by so much more than time was served, was set (or no server ran): a
+/// whole hour, either way. Nothing is deleted in such a round: what else it moved is not known.
+constexpr bool is_jump(std::chrono::microseconds moved) {
+  return moved >= std::chrono::hours(1) || moved <= -std::chrono::hours(1);
+}
+
+/// Calls `remove` for each resource that is over its time at `now` (of service: Catalog::served), which deletes it with
+/// all that was made from it. O(what goes). Throws what the catalogue throws, and what `remove` throws except
+/// not_found.
 void expire(const Catalog& catalog, const std::vector<Keeping>& keeping, Time now,
             const std::function<void(const std::string& id)>& remove);
 

@@ -4,6 +4,7 @@
 #include <sqlite3.h>
 
 #include <cerrno>
+#include <limits>
 #include <new>
 #include <stdexcept>
 
@@ -125,6 +126,13 @@ bool Statement::step() {
 
 bool Statement::is_null(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
 std::int64_t Statement::integer(int column) const { return sqlite3_column_int64(statement_, column); }
+Time Statement::time(int column) const {
+  // Counted in nanoseconds, as the system's clock does, it must fit 64 bits.
+  constexpr std::int64_t latest = std::numeric_limits<std::int64_t>::max() / 1000;
+  const std::int64_t microseconds = integer(column);
+  if (microseconds < -latest || microseconds > latest) throw_corrupt();
+  return Time(std::chrono::microseconds(microseconds));
+}
 double Statement::real(int column) const { return sqlite3_column_double(statement_, column); }
 std::string Statement::text(int column) const {
   // As a blob, so that zero bytes within are kept.

@@ -13,13 +13,12 @@
 #include <string_view>
 #include <vector>
 
+#include "server/clock.h"
+
 struct sqlite3;
 struct sqlite3_stmt;
 
 namespace spherule::server::sqlite {
-
-/// Stored to the microsecond, UTC.
-using Time = std::chrono::sys_time<std::chrono::microseconds>;
 
 [[noreturn]] void throw_corrupt();
 /// For a file that another process has.
@@ -83,7 +82,8 @@ class Statement {
   [[nodiscard]] double real(int column) const;
   [[nodiscard]] std::string text(int column) const;
   [[nodiscard]] unsigned count(int column) const { return static_cast<unsigned>(integer(column)); }
-  [[nodiscard]] Time time(int column) const { return Time(std::chrono::microseconds(integer(column))); }
+  /// Throws corrupt for what is no time within the ranges of all clocks of the program.
+  [[nodiscard]] Time time(int column) const;
   [[nodiscard]] std::optional<Time> optional_time(int column) const {
     return is_null(column) ? std::nullopt : std::optional(time(column));
   }

@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/store.h"
 
+#include <algorithm>
 #include <limits>
+#include <system_error>
 #include <utility>
 
 #include "api/documents.h"
+#include "api/registration_documents.h"
 #include "core/io/read.h"
 #include "core/pipeline.h"
 #include "server/model_blob.h"
 #include "server/union_blob.h"
 
 namespace spherule::server {
+
+namespace fs = std::filesystem;
 
 std::string algorithm_version_text() { return std::to_string(algorithm_version); }
 
@@ -31,16 +36,78 @@ void Stopwatch::lap(const std::string& stage) {
   last_ = now;
 }
 
-Store::Store(const Config& given)
+namespace {
+
+// The data folder, when it is one: a folder that happens to hold more is its owner's business.
+void make_private(const fs::path& data) {
+  constexpr auto others = fs::perms::group_all | fs::perms::others_all;
+  std::error_code ignored;  // another owner's, or not there
+  const fs::perms given = fs::status(data, ignored).permissions();
+  if ((given & fs::perms::sticky_bit) == fs::perms::none)
+    fs::permissions(data, others, fs::perm_options::remove, ignored);
+  for (const char* name : {"blobs", "blobs/.tmp", "uploads", "replies", "damaged", "audit.log"})
+    fs::permissions(data / name, others, fs::perm_options::remove, ignored);
+}
+
+// Before anything is made: an empty catalogue would be as lost as none.
+const fs::path& opened(const Config& config, const fs::path& catalog) {
+  make_folder(config.data);
+  if (fs::exists(catalog))
+    make_private(config.data);
+  else if (!FileBlobStore::keys_in(config.blob_folder()).empty())
+    throw_lost_catalogue();
+  return catalog;
+}
+
+}  // namespace
+
+Store::Store(const Config& given, AsideLog log)
     : config(given),
-      catalog((std::filesystem::create_directories(given.data), given.catalog_file())),
+      aside_log(std::move(log)),
+      catalog(opened(given, given.catalog_file())),
       blobs((given.blob_folder())),
       cache(given.model_cache_bytes),
       levels(given.model_cache_bytes / 4),
       contributions(given.model_cache_bytes / 4),
       open_blobs(256),
       heavy(static_cast<std::ptrdiff_t>(given.jobs_at_once)) {
-  remove_orphans(catalog, blobs);
+  catalog.reserve_room();
+  sort_out_orphans(catalog, blobs, [&](const std::string& key) {
+    set_aside(config.data, config.blob_folder() / key, key);
+    if (aside_log) aside_log(key);
+  });
+}
+
+void Store::put_aside(const fs::path& file, const std::string& name) noexcept try {
+  if (!fs::exists(file)) return;
+  set_aside(config.data, file, name);
+  if (aside_log) aside_log(name);
+} catch (const std::exception&) {
+  // It stays where it is, and is tried again when it is met again.
+}
+
+Surroundings Store::surroundings() {
+  return {.served = [this] { return catalog.served(); },
+          .free_bytes = [this] { return blobs.free_bytes(); },
+          .set_aside =
+              [this](const fs::path& file) {
+                put_aside(file, file.parent_path().filename().native() + "/" + file.filename().native());
+              }};
+}
+
+void Store::make_room_for_answer(std::uint64_t bytes) {
+  if (config.max_answer_bytes == 0) return;
+  const std::uint64_t left = config.max_answer_bytes - std::min(config.max_answer_bytes, bytes);
+  for (const std::string& id : catalog.over_budget(answers_collection, left)) try {
+      remove(id);
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::not_found) throw;  // else somebody else was faster
+    }
+}
+
+std::string Store::put_answer(const std::string& id, std::string_view bytes) {
+  make_room_for_answer(bytes.size());
+  return blobs.put("answers/" + id, bytes);
 }
 
 std::vector<Keeping> Store::keeping() const {
@@ -49,13 +116,23 @@ std::vector<Keeping> Store::keeping() const {
           {volumes_collection, config.keep_volumes}};
 }
 
+bool Store::is_to_be_noted(const Resource& resource) const {
+  std::chrono::seconds shortest{0};
+  const auto consider = [&](std::chrono::seconds time) {
+    if (time.count() > 0 && (shortest.count() == 0 || time < shortest)) shortest = time;
+  };
+  for (const Keeping& keep : keeping()) consider(keep.unused);
+  if (config.max_answer_bytes > 0 && resource.collection == answers_collection) consider(std::chrono::hours(10));
+  return shortest.count() > 0 && catalog.served() - resource.used >= use_is_noted_after(shortest);
+}
+
 std::optional<Resource> Store::find_any(const std::string& id) {
   auto resource = catalog.find(id);
-  std::chrono::seconds shortest{0};
-  for (const Keeping& keep : keeping()) {
-    if (keep.unused.count() > 0 && (shortest.count() == 0 || keep.unused < shortest)) shortest = keep.unused;
-  }
-  if (resource && shortest.count() > 0 && now() - resource->used >= use_is_noted_after(shortest)) catalog.touch(id);
+  if (resource && is_to_be_noted(*resource)) try {
+      catalog.touch(id);
+    } catch (const Error&) {
+      // What cannot be noted, on a disk that is full or read-only, can be read and deleted all the same.
+    }
   return resource;
 }
 
@@ -64,6 +141,10 @@ void Store::remove(const std::string& id) {
   cache.erase(id);
   levels.erase(id);
   contributions.erase(contributions_id(id, 0));
+}
+
+void Store::require(const std::string& id, const char* collection, const char* what) const {
+  if (!catalog.holds(id, collection)) not_found(what);
 }
 
 std::shared_ptr<const Blob> Store::intact(const std::string& key) {
@@ -157,6 +238,7 @@ Resource Store::keep(api::ModelInfo& info,
     context.throw_if_cancelled();
     staging->append(piece);
   });
+  static_cast<void>(api::record_of(info));  // what cannot be recorded is not committed
   Resource resource;
   resource.id = info.id;
   resource.collection = models_collection;
@@ -208,6 +290,7 @@ Resource Store::keep(const std::string& model, std::uint32_t level, const UnionM
   answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}, .level = level});
   answer.inputs = {model};
   answer.bytes = staging->size();
+  make_room_for_answer(answer.bytes);
   answer.blobs = {staging->commit("answers/" + answer.id)};
   return answer;
 }
@@ -223,6 +306,13 @@ UnionMeasures Store::union_of(const Resource& resource, std::uint32_t level, con
   UnionMeasures whole = measure_union(model, context);
   publish(catalog, blobs, keep(resource.id, level, whole));
   return whole;
+}
+
+void check_record(const Resource& resource) {
+  if (resource.collection == volumes_collection) static_cast<void>(api::volume_from(resource.document));
+  if (resource.collection == models_collection) static_cast<void>(api::model_from(resource.document));
+  if (resource.collection == registrations_collection)
+    static_cast<void>(api::registration_from(resource.document, resource.request));
 }
 
 }  // namespace spherule::server

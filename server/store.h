@@ -19,6 +19,7 @@
 #include "core/spheres.h"
 #include "core/union.h"
 #include "core/volume.h"
+#include "server/aside.h"
 #include "server/blob_store.h"
 #include "server/cache.h"
 #include "server/catalog.h"
@@ -31,6 +32,7 @@ namespace spherule::server {
 // Collections of the catalogue.
 inline constexpr const char* volumes_collection = "volumes";
 inline constexpr const char* models_collection = "models";
+inline constexpr const char* registrations_collection = "registrations";
 inline constexpr const char* answers_collection = "answers";
 
 /// Of the algorithms, as it enters ids.
@@ -63,9 +65,13 @@ struct ListedParts {
 
 /// Thread safe. Ids that nothing bears throw not_found; damaged bytes throw corrupt.
 struct Store {
-  /// Opens the store in config.data (made if needed). Throws busy when another process uses that folder, and what
-  /// Catalog and FileBlobStore throw.
-  explicit Store(const Config& given);
+  /// Told what is moved to damaged/, by its name there.
+  using AsideLog = std::function<void(const std::string& name)>;
+
+  /// Opens the store in config.data (made if needed) and sorts out its blobs (sort_out_orphans). All that it makes is
+  /// for its owner's eyes only, and what an earlier version made is mended. Throws busy when another process uses that
+  /// folder, corrupt when the catalogue is missing or older than the blobs, and what Catalog and FileBlobStore throw.
+  explicit Store(const Config& given, AsideLog log = {});
 
   /// Held while a whole volume or model is read beside the jobs: as many at once as jobs. Throws cancelled instead of
   /// waiting on.
@@ -93,10 +99,19 @@ struct Store {
 
   /// Deletes the resource, all that was made from it, and their blobs. Throws not_found.
   void remove(const std::string& id);
+  /// Throws not_found unless there is such a resource of this collection; its record need not be readable.
+  void require(const std::string& id, const char* collection, const char* what) const;
 
   /// The blob of a key, its digest verified. The last few hundred stay open, and are not verified again: damage that
   /// happens to a file while it is among them is found by the next start, or by fsck.
   std::shared_ptr<const Blob> intact(const std::string& key);
+
+  /// For what keeps files of its own in the data folder.
+  Surroundings surroundings();
+
+  /// Stores the bytes of an answer, for whose sake the least recently used answers go where they would be too many (to
+  /// the hour, which is how exactly uses are noted; the newest stays, however large). Returns the key.
+  std::string put_answer(const std::string& id, std::string_view bytes);
 
   /// How long things are kept, as configured.
   std::vector<Keeping> keeping() const;
@@ -130,6 +145,7 @@ struct Store {
                          const Context& context);
 
   Config config;
+  AsideLog aside_log;
   Catalog catalog;  // its lock comes before anything else is touched
   FileBlobStore blobs;
   Cache<SphereModel> cache;
@@ -141,6 +157,12 @@ struct Store {
  private:
   Resource keep(api::ModelInfo& info, const std::function<void(const std::function<void(std::string_view)>&)>& write,
                 Stopwatch& watch, const Context& context);
+  void make_room_for_answer(std::uint64_t bytes);
+  bool is_to_be_noted(const Resource& resource) const;
+  void put_aside(const std::filesystem::path& file, const std::string& name) noexcept;
 };
+
+/// Reads the record of a resource, as serving it would. Throws corrupt.
+void check_record(const Resource& resource);
 
 }  // namespace spherule::server

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "api/documents.h"
 #include "core/base/error.h"
 #include "tests/api/stub.h"
@@ -113,6 +115,60 @@ TEST(Records, OfFilesDependOnWhatChangesTheFile) {
   EXPECT_NE(identity_of(plain, "1"), identity_of(heavy, "1"));
   EXPECT_EQ(identity_of(plain, "1"), identity_of(same, "1"));
   EXPECT_NE(identity_of(plain, "1"), identity_of({kModel, FileRequest{FileFormat::srdf, {}}}, "1"));
+}
+
+template <typename F>
+ErrorCode refusal(F&& f) {
+  try {
+    f();
+  } catch (const Error& error) {
+    return error.code();
+  }
+  ADD_FAILURE() << "accepted";
+  return {};
+}
+
+// JSON has no such numbers: what was written would be damaged for whoever reads it.
+TEST(Records, HoldFiniteNumbersOnly) {
+  for (const double bad : {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+    const auto volume = [](auto&& spoil) {
+      VolumeInfo v = StubService::volume_info();
+      spoil(v);
+      return refusal([&] { static_cast<void>(record_of(v)); });
+    };
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.grid.spacing.y = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.grid.direction.rows[2].z = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.range.max = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.slope = bad; }), ErrorCode::unusable);
+    const auto model = [](auto&& spoil) {
+      ModelInfo m = StubService::simplified_info();
+      spoil(m);
+      return refusal([&] { static_cast<void>(record_of(m)); });
+    };
+    EXPECT_EQ(model([&](ModelInfo& m) { m.bounds.max.x = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.boundary_point_density_mm = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.voxels = VoxelMeasures{5, bad}; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.simplification->achieved.volume_mm3 = bad; }), ErrorCode::unusable);
+    ModelMeasures measures;
+    measures.spheres.mass.volume_mm3 = bad;
+    EXPECT_EQ(refusal([&] { static_cast<void>(measures_document(kModel, measures)); }), ErrorCode::unusable);
+  }
+}
+
+// As one of an earlier version may be, whose options had other ranges.
+TEST(Records, ThatAreNotValidAnyMoreAreCorrupt) {
+  std::string record = record_of(DerivedRequest{kModel, RenderRequest{{.width = 3, .height = 4}}});
+  const std::size_t at = record.find("\"width\":\"3\"");
+  ASSERT_NE(at, std::string::npos) << record;
+  record.replace(at, 11, "\"width\":\"-3\"");
+  EXPECT_EQ(refusal([&] { static_cast<void>(derived_from(record)); }), ErrorCode::corrupt);
+}
+
+TEST(Records, OfTimesThatNoClockShowsAreCorrupt) {
+  std::string record = record_of(StubService::volume_info());
+  const std::size_t at = record.find("\"created\":") + 10;
+  record.replace(at, record.find(',', at) - at, "9223372036854775807");
+  EXPECT_EQ(refusal([&] { static_cast<void>(volume_from(record)); }), ErrorCode::corrupt);
 }
 
 TEST(Records, ThatAreDamagedAreCorrupt) {

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <sched.h>
 #include <sys/mount.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -84,6 +85,16 @@ class MountedDisk : public Disk {
     server.reset();
     if (mounted) ::umount2((folder.path() / "disk").c_str(), MNT_DETACH);
   }
+  void take_the_rest() const {
+    for (const std::size_t size : {1 << 16, 1 << 12}) {
+      std::ofstream filler(folder.path() / "disk" / "filler", std::ios::app);
+      for (const std::string piece(size, 'x');
+           filler.write(piece.data(), static_cast<std::streamsize>(size)) && filler.flush();) {
+      }
+    }
+  }
+  std::uintmax_t free_bytes() const { return fs::space(folder.path() / "disk").available; }
+
   bool mounted = false;
 };
 
@@ -101,11 +112,7 @@ TEST_F(MountedDisk, FullRefusesWhatDoesNotFitAndGoesOn) {
   expect_all_there();
   EXPECT_EQ(client().get("/readyz").status, 200);
 
-  {
-    std::ofstream filler(folder.path() / "disk" / "filler");
-    for (const std::string piece(1 << 16, 'x'); filler.write(piece.data(), 1 << 16) && filler.flush();) {
-    }
-  }
+  take_the_rest();
   expect_says(client().get("/readyz"), 503, "disk is full");
   expect_says(client().post("/v1/volumes" + kRaw, {.body = numbered(2)}), 507, "full");
   const Answer refused = client().post(
@@ -120,6 +127,60 @@ TEST_F(MountedDisk, FullRefusesWhatDoesNotFitAndGoesOn) {
   stop();
   const Ended check = run_spheruled({"fsck", "--data", data.string()});
   EXPECT_EQ(check.status, 0) << check.output;
+}
+
+// What fills a server's disk is often not the server.
+TEST_F(MountedDisk, FullStopsNoDeletionAndNoReading) {
+  // Uses are noted, by which reading writes.
+  server = std::make_unique<ServerProcess>(data, std::vector<std::string>{"--keep-models", "10m"});
+  fill();
+  const std::string other = client().upload(kRaw, numbered(2));
+  take_the_rest();
+  ASSERT_EQ(client().post("/v1/volumes" + kRaw, {.body = numbered(3)}).status, 507);
+  EXPECT_EQ(client().ask("DELETE", "/v1/volumes/" + volume).status, 204);
+  EXPECT_EQ(client().get("/v1/volumes/" + volume).status, 404);
+  EXPECT_EQ(client().get(path()).status, 404);
+  take_the_rest();  // all that this made free
+  EXPECT_EQ(client().get("/v1/volumes/" + other).status, 200);
+  stop();
+  fs::remove(folder.path() / "disk" / "filler");
+  const Ended check = run_spheruled({"fsck", "--data", data.string()});
+  EXPECT_EQ(check.status, 0) << check.output;
+}
+
+// Uploads in pieces, and bodies that do not say how long they are, stop before the reserve.
+TEST_F(MountedDisk, UploadsKeepTheReserve) {
+  constexpr std::uintmax_t reserve = std::uintmax_t{64} << 20, slack = std::uintmax_t{1} << 20;
+  start();
+  fill();
+  const auto begin = [&](std::size_t length) {
+    return client().post(
+        "/v1/uploads",
+        {.headers = {{"Upload-Length", std::to_string(length)}, {"Tus-Resumable", "1.0.0"}}, .body = {}});
+  };
+  const std::size_t room = free_bytes() - reserve;
+  const Answer first = begin(room * 6 / 10);
+  ASSERT_EQ(first.status, 201) << first.body;
+  EXPECT_EQ(begin(room * 6 / 10).status, 507) << "the rest is spoken for";
+  const Answer second = begin(room * 3 / 10);
+  ASSERT_EQ(second.status, 201);
+  const auto append = [&](const Answer& upload, std::size_t bytes) {
+    return client().ask("PATCH", upload.header("Location"),
+                        {.headers = {{"Upload-Offset", "0"},
+                                     {"Tus-Resumable", "1.0.0"},
+                                     {"Content-Type", "application/offset+octet-stream"}},
+                         .body = std::string(bytes, 'x')});
+  };
+  EXPECT_EQ(append(first, room * 6 / 10).status, 204);
+  {
+    std::ofstream other(folder.path() / "disk" / "other");  // another program's
+    other << std::string(room * 3 / 10, 'x');
+  }
+  EXPECT_EQ(append(second, room * 3 / 10).status, 507);
+  EXPECT_GE(free_bytes() + slack, reserve);
+  EXPECT_EQ(client().ask("DELETE", second.header("Location")).status, 204);
+  EXPECT_EQ(client().ask("DELETE", "/v1/volumes/" + volume).status, 204);
+  stop();
 }
 
 TEST_F(MountedDisk, ReadOnlyIsSaidAndStillRead) {
@@ -169,6 +230,86 @@ TEST_F(Disk, ADamagedAnswerIsMadeAgain) {
   EXPECT_EQ(client().get(path() + "/measures").body, measures);
   EXPECT_NE(server->log().find("\"event\":\"damaged\""), std::string::npos) << server->log();
   stop();
+}
+
+TEST_F(Disk, ADamagedRecordIsListedContainedAndRepaired) {
+  start();
+  fill();
+  const std::string other = client().upload(kRaw, numbered(2));
+  stop();
+  const fs::path catalog = data / "catalog.sqlite";
+  std::ifstream stream(catalog, std::ios::binary);
+  const std::string bytes(std::istreambuf_iterator<char>(stream), {});
+  for (std::size_t at = 0; (at = bytes.find("{\"below\":", at)) != std::string::npos; ++at)
+    if (bytes.substr(bytes.find("\"id\":", at)).starts_with("\"id\":\"" + volume))
+      damage(catalog, static_cast<std::streamoff>(at), "?");
+  start();
+  const Json list = client().get("/v1/volumes").json();
+  ASSERT_EQ(list["volumes"].size(), 1U) << list.dump();
+  EXPECT_EQ(list["volumes"][0]["id"], other);
+  EXPECT_EQ(list["damaged"], Json::array({volume}));
+  expect_says(client().get("/v1/volumes/" + volume), 500, "record of this resource is damaged");
+  EXPECT_EQ(client().get("/v1/models").json()["models"].size(), 1U);
+  stop();
+  const Ended found = run_spheruled({"fsck", "--data", data.string()});
+  EXPECT_NE(found.output.find("a record is damaged: " + volume), std::string::npos) << found.output;
+  start();
+  EXPECT_EQ(client().ask("DELETE", "/v1/volumes/" + volume).status, 204);
+  EXPECT_EQ(client().upload(kRaw, numbered(1)), volume) << "the same again";
+  stop();
+  EXPECT_EQ(run_spheruled({"fsck", "--data", data.string()}).status, 0);
+}
+
+TEST_F(Disk, AnswersStayWithinTheirBudget) {
+  constexpr std::uintmax_t budget = 200'000;
+  server =
+      std::make_unique<ServerProcess>(data, std::vector<std::string>{"--max-answer-bytes", std::to_string(budget)});
+  fill();
+  const auto stored = [&] {
+    std::uintmax_t sum = 0;
+    for (const auto& answer : fs::directory_iterator(data / "blobs" / "answers")) sum += answer.file_size();
+    return sum;
+  };
+  std::uintmax_t made = 0;
+  for (int width = 100; width < 112; ++width) {
+    const Answer picture = client().ask("HEAD", path() + "/render?width=" + std::to_string(width) + "&height=200",
+                                        {.headers = {{"Prefer", "wait=60"}}});
+    ASSERT_EQ(picture.status, 200);
+    made += std::stoul(picture.header("Content-Length"));
+    EXPECT_LE(stored(), budget);
+  }
+  const std::string csv = client().get(path() + "/exports/csv").body;
+  made += csv.size();
+  EXPECT_GT(made, budget) << "or nothing had to go";
+  EXPECT_GT(stored(), 0U);
+  EXPECT_EQ(client().get(path() + "/measures").body, measures) << "made again";
+  EXPECT_EQ(client().get(path() + "/exports/csv").body, csv);
+  stop();
+  EXPECT_EQ(run_spheruled({"fsck", "--data", data.string()}).status, 0);
+}
+
+TEST_F(Disk, AllThatItHoldsIsForItsOwnersEyesOnly) {
+  const mode_t usual = ::umask(0);
+  start();
+  fill();
+  client().post("/v1/uploads", {.headers = {{"Upload-Length", "10"}, {"Tus-Resumable", "1.0.0"}}, .body = {}});
+  client().post("/v1/models", {.headers = {{"Idempotency-Key", "a"}, {"Prefer", "wait=30"}},
+                               .body = Json{{"volume", volume}, {"threshold", 60.5}}.dump()});
+  const auto expect_private = [&] {
+    constexpr auto others = fs::perms::group_all | fs::perms::others_all;
+    EXPECT_EQ(fs::status(data).permissions() & others, fs::perms::none);
+    for (const auto& entry : fs::recursive_directory_iterator(data))
+      EXPECT_EQ(entry.status().permissions() & others, fs::perms::none) << entry.path();
+  };
+  expect_private();
+  stop();
+  // As an earlier version left them.
+  fs::permissions(data, fs::perms(0755));
+  fs::permissions(data / "catalog.sqlite", fs::perms(0644));
+  fs::permissions(data / "uploads", fs::perms(0755));
+  start();
+  expect_private();
+  ::umask(usual);
 }
 
 TEST_F(Disk, DamagedBlobsAreReportedContainedAndReplaceable) {

@@ -152,6 +152,7 @@ TEST(Kill, LosesNothingAcknowledgedAndServesNothingHalfWritten) {
   EXPECT_EQ(server->terminate(), 0);
   const Ended check = run_spheruled({"fsck", "--data", data.string()});
   EXPECT_EQ(check.status, 0) << check.output;
+  EXPECT_FALSE(std::filesystem::exists(data / "damaged")) << "what a kill leaves is understood";
 
   std::printf("%d kills: %d during uploads", kills(), while_uploading);
   for (const auto& [stage, count] : while_running) std::printf(", %d during %s", count, stage.c_str());

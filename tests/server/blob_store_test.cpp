@@ -127,6 +127,20 @@ TYPED_TEST(BlobStoreContract, ScratchFoldersNameBlobs) {
   EXPECT_EQ(header.read(), "header");
 }
 
+TYPED_TEST(BlobStoreContract, TellsWhatIsOnItsWay) {
+  const std::string in = this->store.put("volumes/a", "x"), out = this->store.put("volumes/b", "x");
+  this->store.settle(out);
+  EXPECT_EQ(this->store.unsettled(), std::vector{in});
+  this->store.settle(in);
+  this->store.unsettle(out);
+  EXPECT_EQ(this->store.unsettled(), std::vector{out});
+  EXPECT_EQ(this->store.keys().size(), 2U) << "still there";
+  this->store.remove(out);
+  this->store.settle("no such key");
+  EXPECT_TRUE(this->store.unsettled().empty());
+  EXPECT_EQ(this->store.keys(), std::vector{in});
+}
+
 class FileBlobs : public testing::Test {
  protected:
   test::TemporaryFolder folder;
@@ -162,14 +176,18 @@ TEST_F(FileBlobs, DamageIsFound) {
 
 TEST_F(FileBlobs, OpeningRemovesWhatAKilledProcessLeft) {
   const std::string key = store.put("volumes/kept", "kept");
+  store.settle(key);
+  const std::string travelling = store.put("volumes/travelling", "committed, and then the power went");
   auto abandoned = store.stage(any_size);
   abandoned->append("half an upl");
   const Blob blob = abandoned->open();
   fs::create_directory(store.scratch_root() / "scratch");
   fs::create_symlink(blob.path(), store.scratch_root() / "scratch" / "Name, Patient.hdr");
+  EXPECT_EQ(files_under(folder.path()), 5U);
+  FileBlobStore reopened(folder.path() / "blobs");
   EXPECT_EQ(files_under(folder.path()), 3U);
-  const FileBlobStore reopened(folder.path() / "blobs");
-  EXPECT_EQ(files_under(folder.path()), 1U);
+  EXPECT_EQ(reopened.unsettled(), std::vector{travelling});
+  reopened.remove(travelling);
   EXPECT_TRUE(fs::is_empty(reopened.scratch_root()));
   EXPECT_EQ(reopened.read(key), "kept");
   EXPECT_EQ(reopened.keys(), std::vector{key});
@@ -211,6 +229,7 @@ class TightFileLimit {
 
 TEST_F(FileBlobs, AWriteThatDoesNotFitLeavesNothing) {
   const std::string key = store.put("a", "before");
+  store.settle(key);
   {
     const TightFileLimit limit;
     const auto staging = store.stage(any_size);

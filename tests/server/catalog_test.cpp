@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <fstream>
@@ -431,39 +432,214 @@ TEST(Publishing, LeavesNoBlobThatNothingOwns) {
   EXPECT_EQ(error_of([&] { withdraw(catalog, blobs, "vol_1"); }), ErrorCode::not_found);
 }
 
-TEST(Publishing, OrphansGoAtTheNextStart) {
+class Orphans : public testing::Test {
+ protected:
   test::ScratchCatalog catalog;
   test::MemoryBlobStore inner;
-  test::FaultyBlobStore blobs(inner);
-  publish(catalog, blobs, resource("vol_1", "volumes", {}, {blobs.put("a", "1")}));
-  publish(catalog, blobs, resource("vol_2", "volumes", {}, {blobs.put("a", "2")}));
+  test::FaultyBlobStore blobs{inner};
+
+  std::string publish_one(const std::string& id) {
+    publish(catalog, blobs, resource(id, "volumes", {}, {blobs.put("a", id)}));
+    return catalog.find(id)->blobs.at(0);
+  }
+  /// Keys that are set aside at the next start.
+  std::vector<std::string> start() {
+    std::vector<std::string> aside;
+    sort_out_orphans(catalog, blobs, [&](const std::string& key) {
+      aside.push_back(key);
+      blobs.remove(key);
+    });
+    return aside;
+  }
+};
+
+TEST_F(Orphans, OfACrashGoAtTheNextStart) {
+  const std::string kept = publish_one("vol_1");
+  publish_one("vol_2");
   (void)blobs.put("a", "as after a crash before publish");
   blobs.fail_remove(true);
   withdraw(catalog, blobs, "vol_2");
   EXPECT_FALSE(catalog.find("vol_2"));
   EXPECT_EQ(blobs.keys().size(), 3U);
   blobs.fail_remove(false);
-  remove_orphans(catalog, blobs);
-  EXPECT_EQ(blobs.keys(), catalog.find("vol_1")->blobs);
+  EXPECT_TRUE(start().empty());
+  EXPECT_EQ(blobs.keys(), std::vector{kept});
+  EXPECT_TRUE(blobs.unsettled().empty());
+}
+
+TEST_F(Orphans, ThatAreNotUnderstoodAreSetAside) {
+  publish_one("vol_1");
+  publish_one("vol_2");
+  const std::string unknown = blobs.put("volumes/vol_3", "published by another catalogue");
+  blobs.settle(unknown);
+  EXPECT_EQ(start(), std::vector{unknown});
+  EXPECT_EQ(blobs.keys().size(), 2U);
+}
+
+TEST_F(Orphans, ThatAreMostSayThatTheCatalogueIsLost) {
+  publish_one("vol_1");
+  for (const char* name : {"a", "b"}) blobs.settle(blobs.put(name, "published by another catalogue"));
+  EXPECT_EQ(error_of([&] { (void)start(); }), ErrorCode::corrupt);
+  EXPECT_EQ(blobs.keys().size(), 3U) << "nothing is changed";
+  publish_one("vol_2");
+  EXPECT_EQ(start().size(), 2U) << "half is not most";
+}
+
+TEST_F(Orphans, AWithdrawalThatFailsLeavesTheBlobsOwned) {
+  publish_one("vol_1");
+  EXPECT_EQ(error_of([&] { withdraw(catalog, blobs, "vol_9"); }), ErrorCode::not_found);
+  EXPECT_TRUE(blobs.unsettled().empty());
+}
+
+/// A day that passes at once.
+struct SetClocks {
+  Time wall{std::chrono::hours(24 * 365 * 50)};
+  std::chrono::microseconds steady{5};
+  Clocks clocks() {
+    return {.wall = [this] { return wall; }, .steady = [this] { return steady; }};
+  }
+  void pass(std::chrono::microseconds time) {
+    wall += time;
+    steady += time;
+  }
+};
+
+TEST(TimeOfService, GoesOnWhileServingOnly) {
+  using namespace std::chrono_literals;
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "c";
+  SetClocks set;
+  const Time start = set.wall;
+  {
+    Catalog catalog(file, set.clocks());
+    EXPECT_EQ(catalog.served(), start);
+    set.pass(10h);
+    catalog.add(resource("vol_1", "volumes"));
+    EXPECT_EQ(catalog.find("vol_1")->used, start + 10h);
+    EXPECT_EQ(catalog.find("vol_1")->created, set.wall);
+    EXPECT_EQ(catalog.note_time(), 0h);
+    set.wall += 24h * 40;
+    EXPECT_EQ(catalog.served(), start + 10h);
+    set.pass(1h);
+    EXPECT_EQ(catalog.note_time(), 24h * 40);
+    EXPECT_EQ(catalog.note_time(), 0h) << "said once";
+    set.wall -= 24h * 400;
+    EXPECT_EQ(catalog.note_time(), -24h * 400);
+    set.pass(1h);  // not noted: the power goes
+  }
+  set.wall += 24h * 30;
+  set.steady = 7us;  // another boot
+  Catalog catalog(file, set.clocks());
+  EXPECT_EQ(catalog.served(), start + 11h);
+  set.pass(2h);
+  EXPECT_EQ(catalog.note_time(), 24h * 30 + 1h);
+  catalog.touch("vol_1");
+  EXPECT_EQ(catalog.find("vol_1")->used, start + 13h);
+  JobRecord over = job("job_1");
+  catalog.add_job(over);
+  over.state = JobState::succeeded;
+  over.finished = set.wall;
+  catalog.update_job(over);
+  EXPECT_EQ(catalog.find_job("job_1")->finished, set.wall) << "for people";
+  EXPECT_EQ(catalog.forget_jobs(start + 13h), 0U);
+  EXPECT_EQ(catalog.forget_jobs(start + 13h + 1us), 1U);
+}
+
+TEST(TimeOfService, OfAnOlderCatalogueBeginsAtItsLastUse) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "catalog.sqlite";
+  run_sql(file, kVersion1);
+  run_sql(file, "UPDATE resources SET created = 1700000000000000 WHERE id = 'ans_1'");
+  run_sql(file, "UPDATE resources SET created = 1900000000000000 WHERE id = 'mdl_1'");
+  SetClocks set;
+  set.wall = Time(std::chrono::microseconds(1800000000000000));
+  Catalog catalog(file, set.clocks());
+  EXPECT_EQ(catalog.find("mdl_1")->used, set.wall) << "not in the future";
+  EXPECT_EQ(catalog.served(), set.wall);
+}
+
+TEST(Catalog, IsForItsOwnersEyesOnly) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "c";
+  const mode_t usual = ::umask(0022);
+  { Catalog catalog(file); }
+  fs::permissions(file, fs::perms::all);  // as an earlier version might have left it
+  fs::permissions(file.native() + ".lock", fs::perms::all);
+  Catalog catalog(file);
+  catalog.add(resource("vol_1"));
+  ::umask(usual);
+  for (const auto& entry : fs::directory_iterator(folder.path()))
+    EXPECT_EQ(entry.status().permissions(), fs::perms::owner_read | fs::perms::owner_write) << entry.path();
+}
+
+TEST(Catalog, ListsWhatItCanReadOfDamagedRows) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder.path() / "c";
+  {
+    Catalog catalog(file);
+    for (const char* id : {"job_1", "job_2", "job_3", "job_4"}) catalog.add_job(job(id));
+    for (const char* id : {"mdl_1", "mdl_2"}) catalog.add(resource(id));
+  }
+  run_sql(file, "UPDATE jobs SET state = 'dreaming' WHERE id = 'job_2'");
+  run_sql(file, "UPDATE jobs SET created = 9223372036854775807 WHERE id = 'job_3'");
+  run_sql(file, "UPDATE resources SET created = -9223372036854775807 WHERE id = 'mdl_1'");
+  Catalog catalog(file);
+  const Page<JobRecord> page = catalog.list_jobs("", 3);
+  EXPECT_EQ(ids(page.items), std::vector<std::string>{"job_4"});
+  EXPECT_EQ(page.damaged, (std::vector<std::string>{"job_3", "job_2"}));
+  EXPECT_EQ(ids(catalog.list_jobs(page.next, 3).items), std::vector<std::string>{"job_1"});
+  EXPECT_EQ(ids(catalog.unfinished_jobs()), (std::vector<std::string>{"job_1", "job_4"}));
+  EXPECT_EQ(error_of([&] { (void)catalog.find_job("job_2"); }), ErrorCode::corrupt);
+  EXPECT_EQ(catalog.list("models", "", 9).damaged, std::vector<std::string>{"mdl_1"});
+  EXPECT_EQ(catalog.damaged_jobs(), (std::vector<std::string>{"job_3", "job_2"}));
+  catalog.forget_job("job_2");
+  EXPECT_EQ(catalog.damaged_jobs(), std::vector<std::string>{"job_3"});
+}
+
+TEST(Catalog, NamesWhatGoesToStayWithinABudget) {
+  test::ScratchCatalog catalog;
+  for (const char* id : {"ans_1", "ans_2", "ans_3"}) catalog.add(resource(id, "answers"));  // 17 bytes each
+  catalog.add(resource("mdl_1", "models"));
+  EXPECT_TRUE(catalog.over_budget("answers", 51).empty());
+  EXPECT_EQ(catalog.over_budget("answers", 50), std::vector<std::string>{"ans_1"});
+  catalog.touch("ans_1");
+  EXPECT_EQ(catalog.over_budget("answers", 20), (std::vector<std::string>{"ans_2", "ans_3"}));
+  EXPECT_EQ(catalog.over_budget("answers", 0).size(), 3U);
+  EXPECT_TRUE(catalog.over_budget("nothing", 0).empty());
+}
+
+TEST(FullDisk, StopsNoDeletion) {
+  test::on_a_small_disk(
+      [](const fs::path& disk) -> std::string {
+        constexpr int many = 500;
+        {
+          Catalog catalog(disk / "catalog.sqlite");
+          catalog.add(resource("vol_1", "volumes"));
+          for (int i = 0; i < many; ++i) catalog.add(resource("mdl_" + std::to_string(i), "models", {"vol_1"}));
+          for (int i = 0; i < 3; ++i) catalog.add(resource("other_" + std::to_string(i)));
+          catalog.reserve_room();
+          test::fill_disk(disk / "filler");
+          if (error_of([&] {
+                while (true) catalog.add(resource(random_id("x")));
+              }) != ErrorCode::no_space)
+            return "it was not full";
+          if (const auto error = error_of([&] { (void)catalog.erase("vol_1"); })) return "a deletion was refused";
+          if (catalog.find("mdl_7")) return "what was deleted is there";
+        }
+        if (error_of([&] { Catalog catalog(disk / "catalog.sqlite"); })) return "it does not open again";
+        return "";
+      },
+      16);
 }
 
 TEST(FullDisk, IsSaidAndLosesNothing) {
   test::on_a_small_disk([](const fs::path& disk) -> std::string {
     Catalog catalog(disk / "catalog.sqlite");
     FileBlobStore blobs(disk / "blobs");
-    const auto stage = [&](std::size_t size) {
-      const auto staging = blobs.stage(std::numeric_limits<std::uint64_t>::max());
-      staging->append(std::string(size, 'x'));
-      return staging->commit("filler");
-    };
     if (error_of([&] { (void)blobs.stage(1 << 20, 1000); }) != ErrorCode::no_space)
       return "a declared size was accepted";
-    std::vector<std::string> fillers;
-    for (const std::size_t size : {100'000, 4'096}) {
-      while (!error_of([&] { fillers.push_back(stage(size)); })) {
-      }
-    }
-    if (fillers.empty()) return "nothing fitted";
+    if (error_of([&] { blobs.stage(1 << 20)->append("x"); }) != ErrorCode::no_space) return "the reserve was not kept";
+    test::fill_disk(disk / "filler");
     int added = 0;
     std::optional<ErrorCode> refusal;
     while (!refusal && added < 100'000) {
@@ -475,7 +651,7 @@ TEST(FullDisk, IsSaidAndLosesNothing) {
       if (!catalog.find("m" + std::to_string(i))) return "an acknowledged row is gone";
     if (catalog.find("m" + std::to_string(added))) return "a refused row is there";
 
-    for (const std::string& key : fillers) blobs.remove(key);
+    fs::remove(disk / "filler");
     if (error_of([&] { catalog.add(resource("after")); })) return "it did not recover when space was free again";
     if (catalog.list("models", "", 1'000'000).items.size() != static_cast<std::size_t>(added) + 1) return "wrong count";
     return "";

@@ -199,6 +199,27 @@ TEST(Config, RefusesByName) {
   EXPECT_NE(refusal({"--queue-length", "0"}).find("from 1"), std::string::npos);
 }
 
+// What the program multiplies, adds up and counts in smaller units stays within its integers.
+TEST(Config, RefusesAmountsThatWouldOverflow) {
+  for (const char* flag : {"--keep-volumes", "--keep-models", "--keep-answers", "--keep-jobs"}) {
+    for (const char* time : {"10000000000000", "3153600001", "36501d", "9223372036854775807", "18446744073709551615"})
+      EXPECT_NE(refusal({flag, time}).find(std::string(flag) + " needs a whole number from 0 to 3153600000"),
+                std::string::npos)
+          << flag << " " << time;
+  }
+  EXPECT_EQ(config_of({"--keep-volumes", "36500d"}).keep_volumes, 24h * 36500);
+  EXPECT_LT(config_of({"--keep-volumes", "3153600000"}).keep_volumes, std::chrono::microseconds::max() / 1000);
+  for (const char* flag : {"--max-body-bytes", "--max-decompressed-bytes", "--job-memory-bytes", "--model-cache-bytes",
+                           "--max-answer-bytes"}) {
+    for (const char* size : {"9223372036854775807", "1125899906842625", "1048577G", "8796093022207G"})
+      EXPECT_NE(refusal({flag, size}).find(std::string(flag) + " needs"), std::string::npos) << flag << " " << size;
+    EXPECT_NO_THROW(config_of({flag, "1048576G"})) << flag;
+  }
+  for (const char* flag : {"--max-voxels", "--max-boundary-points", "--max-spheres", "--max-image-pixels"})
+    EXPECT_NE(refusal({flag, "9223372036854775807"}).find(std::string(flag) + " needs"), std::string::npos) << flag;
+  EXPECT_NE(refusal({"--drain", "1441m"}).find("--drain needs a whole number from 0 to 86400"), std::string::npos);
+}
+
 TEST(Config, RefusesWhatDoesNotGoTogether) {
   EXPECT_NE(refusal({"--tls-key", "x"}).find("go together"), std::string::npos);
   const std::string key = "a:read:" + digest;

@@ -46,7 +46,8 @@ struct Server {
   FileBlobStore blobs;
 
   explicit Server(const fs::path& folder) : catalog(folder / "catalog.sqlite"), blobs(folder / "blobs") {
-    remove_orphans(catalog, blobs);
+    // Whenever it is killed, what it leaves is understood.
+    sort_out_orphans(catalog, blobs, [](const std::string& key) { throw std::runtime_error("unknown blob " + key); });
   }
 
   Resource store(const std::string& id, const std::string& collection) {

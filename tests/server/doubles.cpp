@@ -10,10 +10,12 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <fstream>
 #include <iostream>
 #include <limits>
 #include <map>
 #include <mutex>
+#include <set>
 #include <stdexcept>
 
 // ThreadSanitizer keeps a thread of its own, and by default refuses threads in the children of such a process.
@@ -46,6 +48,7 @@ ScratchCatalog::ScratchCatalog()
 struct MemoryBlobStore::Blobs {
   std::mutex mutex;
   std::map<std::string, std::string> by_key;
+  std::set<std::string> unsettled;
 };
 
 namespace {
@@ -71,6 +74,7 @@ std::unique_ptr<Staging> MemoryBlobStore::stage(std::uint64_t limit, std::option
       const std::lock_guard lock(blobs_->mutex);
       std::string key = std::string(name) + "." + sha256() + "." + random_id("b");
       blobs_->by_key[key] = bytes_;
+      blobs_->unsettled.insert(key);
       return key;
     }
 
@@ -95,6 +99,22 @@ Blob MemoryBlobStore::open(const std::string& key) const {
 void MemoryBlobStore::remove(const std::string& key) {
   const std::lock_guard lock(blobs_->mutex);
   blobs_->by_key.erase(key);
+  blobs_->unsettled.erase(key);
+}
+
+std::vector<std::string> MemoryBlobStore::unsettled() const {
+  const std::lock_guard lock(blobs_->mutex);
+  return {blobs_->unsettled.begin(), blobs_->unsettled.end()};
+}
+
+void MemoryBlobStore::settle(const std::string& key) {
+  const std::lock_guard lock(blobs_->mutex);
+  blobs_->unsettled.erase(key);
+}
+
+void MemoryBlobStore::unsettle(const std::string& key) {
+  const std::lock_guard lock(blobs_->mutex);
+  blobs_->unsettled.insert(key);
 }
 
 std::vector<std::string> MemoryBlobStore::keys() const {
@@ -146,12 +166,12 @@ std::optional<ErrorCode> error_of(const std::function<void()>& act) {
   }
 }
 
-void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act) {
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act, unsigned mib) {
   constexpr int not_possible_here = 77;
   const auto in_child = [&]() -> int {
     const TemporaryFolder folder;
     if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
-        mount("none", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0)
+        mount("none", folder.path().c_str(), "tmpfs", 0, ("size=" + std::to_string(mib) + "m").c_str()) != 0)
       return not_possible_here;
     std::string wrong;
     try {
@@ -174,6 +194,12 @@ void on_a_small_disk(const std::function<std::string(const std::filesystem::path
       },
       "");
   if (!possible) GTEST_SKIP() << "only root may mount the small file system that this needs";
+}
+
+void fill_disk(const std::filesystem::path& file) {
+  std::ofstream filler(file);
+  for (const std::string piece(4096, 'x'); filler.write(piece.data(), 4096) && filler.flush();) {
+  }
 }
 
 }  // namespace spherule::server::test

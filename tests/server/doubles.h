@@ -44,6 +44,9 @@ class MemoryBlobStore final : public BlobStore {
   Blob open(const std::string& key) const override;
   void remove(const std::string& key) override;
   std::vector<std::string> keys() const override;
+  std::vector<std::string> unsettled() const override;
+  void settle(const std::string& key) override;
+  void unsettle(const std::string& key) override;
   std::uint64_t free_bytes() const override;
   std::filesystem::path scratch_root() const override { return scratch_.path(); }
 
@@ -69,6 +72,9 @@ class FaultyBlobStore final : public BlobStore {
   Blob open(const std::string& key) const override { return inner_.open(key); }
   void remove(const std::string& key) override;
   std::vector<std::string> keys() const override { return inner_.keys(); }
+  std::vector<std::string> unsettled() const override { return inner_.unsettled(); }
+  void settle(const std::string& key) override { inner_.settle(key); }
+  void unsettle(const std::string& key) override { inner_.unsettle(key); }
   std::uint64_t free_bytes() const override { return inner_.free_bytes(); }
   std::filesystem::path scratch_root() const override { return inner_.scratch_root(); }
 
@@ -83,8 +89,11 @@ class FaultyBlobStore final : public BlobStore {
 /// Code of the Error that `act` throws; nothing when it returns.
 std::optional<ErrorCode> error_of(const std::function<void()>& act);
 
-/// Runs `act` in a child process with a real file system of 2 MiB, and expects it to return "", else what went wrong.
-/// Skips the test where the process may not mount one.
-void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act);
+/// Runs `act` in a child process with a real file system of 2 (or more) MiB, and expects it to return "", else what
+/// went wrong. Skips the test where the process may not mount one.
+void on_a_small_disk(const std::function<std::string(const std::filesystem::path& disk)>& act, unsigned mib = 2);
+
+/// Takes all that is left of a disk, as somebody else might, by a file there.
+void fill_disk(const std::filesystem::path& file);
 
 }  // namespace spherule::server::test

@@ -9,7 +9,9 @@
 #include <map>
 #include <set>
 
+#include "api/documents.h"
 #include "server/catalog.h"
+#include "server/digest.h"
 #include "tests/server/doubles.h"
 
 namespace spherule::server {
@@ -26,6 +28,21 @@ class Store : public testing::Test {
   fs::path data = folder.path() / "data";
   std::map<std::string, fs::path> blob;  // of each id
 
+  static std::string record_of(const std::string& collection, const std::string& id) {
+    api::VolumeInfo volume;
+    api::ModelInfo model;
+    volume.id = model.id = id;
+    if (collection == "volumes") return api::record_of(volume);
+    return collection == "models" ? api::record_of(model) : std::string();
+  }
+
+  void run_sql(const std::string& sql) const {
+    sqlite3* database = nullptr;
+    ASSERT_EQ(sqlite3_open((data / "catalog.sqlite").c_str(), &database), SQLITE_OK);
+    EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(database);
+    sqlite3_close(database);
+  }
+
   void SetUp() override {
     Catalog catalog(data / "catalog.sqlite");
     FileBlobStore blobs(data / "blobs");
@@ -36,7 +53,7 @@ class Store : public testing::Test {
       resource.inputs = inputs;
       resource.bytes = 1000;
       resource.blobs = {blobs.put(collection + "/" + id, std::string(1000, id.back()))};
-      resource.document = "document of " + id;
+      resource.document = record_of(collection, id);
       ASSERT_TRUE(publish(catalog, blobs, resource));
       blob[id] = data / "blobs" / resource.blobs[0];
     };
@@ -55,7 +72,7 @@ class Store : public testing::Test {
     std::multiset<std::string> all;
     for (const Finding& finding : report.findings)
       all.insert(std::string(to_string(finding.kind)) +
-                 (finding.kind == Kind::missing_blob || finding.kind == Kind::damaged_blob ? ": " + finding.what : ""));
+                 (finding.kind == Kind::unowned_blob || finding.kind == Kind::lost_row ? "" : ": " + finding.what));
     return all;
   }
 
@@ -121,6 +138,61 @@ TEST_F(Store, ADamagedVolumeTakesAlongWhatWasMadeFromIt) {
   EXPECT_EQ(findings(repaired), (std::multiset<std::string>{"a blob is damaged: vol_1"}));
   EXPECT_EQ(ids(), (std::set<std::string>{"mdl_2", "vol_2"}));
   EXPECT_EQ(set_aside(), 3U) << "nothing is deleted";
+}
+
+TEST_F(Store, DamagedRecordsAreFoundAndSetAside) {
+  run_sql("UPDATE resources SET document = replace(document, '\"spheres\":0', '\"spheres\":null') WHERE id = 'mdl_1'");
+  run_sql("UPDATE resources SET document = 'x' WHERE id = 'vol_2'");
+  run_sql("UPDATE resources SET created = 9223372036854775807 WHERE id = 'mdl_2'");
+  run_sql("UPDATE jobs SET state = 'dreaming'");
+  const std::multiset<std::string> expected = {"a record is damaged: mdl_1", "a record is damaged: mdl_2",
+                                               "a record is damaged: vol_2", "a job's record is damaged: job_1"};
+  EXPECT_EQ(findings(check_store(data, false)), expected);
+  EXPECT_EQ(ids().size(), 4U) << "all that can be listed is still there";
+  EXPECT_EQ(findings(check_store(data, true)), expected);
+  EXPECT_EQ(ids(), std::set<std::string>{"vol_1"});
+  EXPECT_TRUE(fs::exists(data / "damaged" / "mdl_1.record"));
+  EXPECT_TRUE(check_store(data, false).findings.empty());
+}
+
+TEST_F(Store, DamagedUploadsAndRepliesAreFoundAndSetAside) {
+  const auto write = [&](const std::string& name, const std::string& text) {
+    fs::create_directories((data / name).parent_path());
+    std::ofstream(data / name) << text;
+  };
+  write("uploads/upl_1.info", "10\nname\n5\n");
+  write("uploads/upl_1.part", "0123");
+  write("uploads/upl_2.info", "10\nna");
+  write("uploads/upl_2.part", "0123");
+  write("replies/a", sha256_hex("reply") + "\nreply");
+  write("replies/b", sha256_hex("reply") + "\nrepl");
+  const std::multiset<std::string> expected = {"a file is damaged: uploads/upl_2.info", "a file is damaged: replies/b"};
+  EXPECT_EQ(findings(check_store(data, false)), expected);
+  EXPECT_TRUE(fs::exists(data / "replies" / "b"));
+  EXPECT_EQ(findings(check_store(data, true)), expected);
+  EXPECT_TRUE(fs::exists(data / "uploads" / "upl_1.part"));
+  for (const char* name : {"uploads_upl_2.info", "uploads_upl_2.part", "replies_b"})
+    EXPECT_TRUE(fs::exists(data / "damaged" / name)) << name;
+  EXPECT_TRUE(check_store(data, false).findings.empty());
+}
+
+TEST_F(Store, ThatLostItsCatalogueIsSetAsideAndComesBack) {
+  fs::rename(data / "catalog.sqlite", folder.path() / "kept");
+  EXPECT_EQ(findings(check_store(data, false)), std::multiset<std::string>{"the catalogue is missing: "});
+  EXPECT_FALSE(fs::exists(data / "catalog.sqlite")) << "looking changes nothing";
+  EXPECT_EQ(check_store(data, true).resources, 0U);
+  EXPECT_EQ(set_aside(), 5U) << "nothing is deleted";
+  EXPECT_TRUE(check_store(data, false).findings.empty());
+
+  // The right catalogue is found.
+  fs::rename(folder.path() / "kept", data / "catalog.sqlite");
+  damage(data / "damaged" / blob["mdl_2"].lexically_relative(data / "blobs").generic_string().replace(6, 1, "_"), 5);
+  EXPECT_EQ(check_store(data, false).findings.size(), 5U);
+  const std::multiset<std::string> back = findings(check_store(data, true));
+  EXPECT_EQ(back.count("a blob was brought back from damaged/: vol_1"), 1U);
+  EXPECT_EQ(back.count("a blob is missing: mdl_2"), 1U) << "only what is whole";
+  EXPECT_EQ(ids(), (std::set<std::string>{"mdl_1", "vol_1", "vol_2"}));
+  EXPECT_TRUE(check_store(data, false).findings.empty());
 }
 
 // Many rows over many pages, one of which is overwritten. What is repaired opens, passes SQLite's full check, and keeps

@@ -645,19 +645,9 @@ TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
   test::on_a_small_disk([](const std::filesystem::path& disk) -> std::string {
     Catalog catalog(disk / "catalog.sqlite");
     FileBlobStore blobs(disk / "blobs");
-    std::vector<std::string> fillers;
-    const auto fill = [&] {
-      for (const std::size_t size : {100'000, 4'096})
-        while (!error_of([&] {
-          const auto staging = blobs.stage(std::uint64_t{1} << 20);
-          staging->append(std::string(size, 'x'));
-          fillers.push_back(staging->commit("filler"));
-        })) {
-        }
-    };
     bool full = true;
     const JobRunner runner = [&](const JobRecord& job, JobContext&) {
-      if (full) fill();
+      if (full) test::fill_disk(disk / "filler");
       Resource result;
       result.id = job.result_id;
       result.document = std::string(100'000, 'd');
@@ -676,7 +666,7 @@ TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
     if (catalog.find("a")) return "half a result";
     const bool failure_stored = is_over(catalog.find_job(id)->state);
     full = false;
-    for (const std::string& key : fillers) blobs.remove(key);
+    std::filesystem::remove(disk / "filler");
     const JobPool pool({}, catalog, blobs, runner);
     const JobState fate = pool.wait(id, forever).record.state;
     if (fate != (failure_stored ? JobState::failed : JobState::succeeded)) return "the job was not run again";

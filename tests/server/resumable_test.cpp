@@ -3,7 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <atomic>
 #include <filesystem>
+#include <fstream>
+#include <thread>
 
 #include "core/base/error.h"
 #include "server/digest.h"
@@ -114,6 +118,109 @@ TEST_F(Resumable, Expire) {
   EXPECT_EQ(files(), 2U) << "what has expired is swept away";
 }
 
+// Each sweeps while the others are being made.
+TEST_F(Resumable, AreMadeSideBySide) {
+  ResumableUploads uploads(folder, 100, 1h, 10'000);
+  std::vector<std::jthread> threads;
+  std::array<std::vector<std::string>, 8> made;
+  std::atomic<int> refused{0};
+  for (auto& mine : made) {
+    threads.emplace_back([&] {
+      for (int i = 0; i < 25; ++i) try {
+          mine.push_back(uploads.create(10, "x").id);
+          uploads.append(mine.back(), 0, bytes("0123456789"));
+        } catch (const Error&) {
+          ++refused;
+        }
+    });
+  }
+  threads.clear();
+  EXPECT_EQ(refused, 0);
+  for (const auto& mine : made)
+    for (const std::string& id : mine) EXPECT_EQ(uploads.find(id).offset, 10U) << "acknowledged, and gone";
+}
+
+class Surrounded : public Resumable {
+ protected:
+  Time time{std::chrono::hours(24 * 365 * 50)};
+  std::uint64_t room = 1000;
+  std::vector<std::string> aside;
+  Surroundings around() {
+    return {.served = [this] { return time; },
+            .free_bytes = [this] { return room; },
+            .set_aside =
+                [this](const std::filesystem::path& file) {
+                  if (!std::filesystem::exists(file)) return;
+                  aside.push_back(file.extension());
+                  std::filesystem::remove(file);
+                }};
+  }
+};
+
+TEST_F(Surrounded, AgeByTheTimeOfService) {
+  std::string id;
+  {
+    ResumableUploads uploads(folder, 100, 1h, 10, around());
+    id = uploads.create(10, "").id;
+    time += 50min;
+    uploads.append(id, 0, bytes("0"));
+  }
+  // Whatever the clock on the wall says at the next start.
+  ResumableUploads uploads(folder, 100, 1h, 10, around());
+  time += 59min;
+  const api::UploadInfo upload = uploads.find(id);
+  EXPECT_EQ(upload.offset, 1U);
+  EXPECT_LE(upload.expires, std::chrono::system_clock::now() + 1min);
+  time += 2min;
+  EXPECT_EQ(refusal([&] { uploads.find(id); }), ErrorCode::not_found);
+}
+
+TEST_F(Surrounded, LeaveTheDiskItsReserve) {
+  ResumableUploads uploads(folder, 10'000, 1h, 10, around());
+  EXPECT_EQ(refusal([&] { uploads.create(1001, ""); }), ErrorCode::no_space);
+  const std::string first = uploads.create(700, "").id;
+  EXPECT_EQ(refusal([&] { uploads.create(301, ""); }), ErrorCode::no_space) << "what the first lacks is spoken for";
+  uploads.append(first, 0, bytes(std::string(600, 'x')));
+  room = 400;
+  const std::string second = uploads.create(300, "").id;
+  // Something else takes the room.
+  room = 50;
+  EXPECT_EQ(refusal([&] { uploads.append(second, 0, bytes(std::string(51, 'x'))); }), ErrorCode::no_space);
+  EXPECT_EQ(uploads.append(second, 0, bytes(std::string(50, 'x'))).offset, 50U);
+  room = 0;
+  uploads.remove(first);
+  EXPECT_EQ(refusal([&] { uploads.find(first); }), ErrorCode::not_found);
+}
+
+TEST_F(Surrounded, DamagedOnesAreContained) {
+  ResumableUploads uploads(folder, 100, 1h, 10, around());
+  const std::string good = uploads.create(10, "").id, deleted = uploads.create(10, "").id;
+  for (const char* text : {"", "x", "10\n", "10\nname\n", "10\nname\n-5\n", "10\nname\n9223372036854775807\n"}) {
+    const std::string damaged = uploads.create(10, "").id;
+    std::ofstream(folder / (damaged + ".info")) << text;
+    EXPECT_EQ(refusal([&] { uploads.find(damaged); }), ErrorCode::corrupt) << text;
+    EXPECT_EQ(refusal([&] { uploads.append(damaged, 0, bytes("0")); }), ErrorCode::corrupt);
+    uploads.remove(uploads.create(10, "").id);  // sweeps
+    EXPECT_EQ(aside, (std::vector<std::string>{".part", ".info"})) << text;
+    EXPECT_EQ(refusal([&] { uploads.find(damaged); }), ErrorCode::not_found);
+    aside.clear();
+  }
+  std::ofstream(folder / (deleted + ".info")) << "x";
+  uploads.remove(deleted);
+  EXPECT_EQ(uploads.find(good).length, 10U);
+  EXPECT_EQ(files(), 2U);
+}
+
+TEST_F(Surrounded, LeftoversOfACrashGo) {
+  { ResumableUploads(folder, 100, 1h, 10, around()).create(10, ""); }
+  const auto leave = [&](const char* name) { std::ofstream(folder / name) << "10\nname\n5\n"; };
+  for (const char* name : {"upl_1.part", "upl_2.new", "upl_3.info", "upl_4.part", "upl_4.new"}) leave(name);
+  leave("notes of the operator.txt");
+  const ResumableUploads uploads(folder, 100, 1h, 10, around());
+  EXPECT_EQ(files(), 3U);
+  EXPECT_TRUE(aside.empty());
+}
+
 TEST_F(Resumable, TakeNoPathsForIds) {
   ResumableUploads uploads(folder, 100, 1h);
   for (const char* id : {"", "upl_", "../upl_00", "upl_0/../0", "upl_zz", "/etc/passwd"}) {
@@ -139,6 +246,28 @@ TEST_F(Replies, AreKeptOverRestartsUntilTheyAreOld) {
   EXPECT_EQ(book.recall("other"), std::nullopt) << "a reservation ends with the process";
   age();
   EXPECT_EQ(book.recall("k"), std::nullopt);
+}
+
+class SurroundedReplies : public Surrounded {};
+
+TEST_F(SurroundedReplies, DamagedOnesAreNone) {
+  ReplyBook book(folder, 1h, around());
+  for (const char* key : {"a", "b", "c"}) {
+    EXPECT_EQ(book.recall(key), std::nullopt);
+    book.keep(key, "the reply");
+  }
+  const auto file = [&](const char* key) { return folder / sha256_hex(key); };
+  std::fstream(file("a"), std::ios::in | std::ios::out).seekp(70).put('?');
+  std::filesystem::resize_file(file("b"), 3);
+  for (const char* key : {"a", "b"}) {
+    EXPECT_EQ(book.recall(key), std::nullopt) << "the request is run again";
+    book.keep(key, "another reply");
+    EXPECT_EQ(book.recall(key), "another reply");
+  }
+  EXPECT_EQ(aside.size(), 2U);
+  EXPECT_EQ(book.recall("c"), "the reply");
+  time += 61min;
+  EXPECT_EQ(book.recall("c"), std::nullopt);
 }
 
 }  // namespace
