@@ -37,8 +37,8 @@ FigureFormat plot_format(const Call& call, const Query& query) {
 
 PlotSize plot_size(const Call& call, const Query& query) {
   PlotSize size;
-  size.width = static_cast<int>(query.integer("width", 100, 8192).value_or(size.width));
-  size.height = static_cast<int>(query.integer("height", 100, 8192).value_or(size.height));
+  size.width = static_cast<int>(query.integer("width", ranges::plot_pixels).value_or(size.width));
+  size.height = static_cast<int>(query.integer("height", ranges::plot_pixels).value_or(size.height));
   check_pixels(call, static_cast<std::uint64_t>(size.width) * static_cast<std::uint64_t>(size.height));
   return size;
 }

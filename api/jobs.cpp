@@ -49,7 +49,8 @@ Response get_job_events(const Call& call) {
   const std::string_view seen = call.request.header("Last-Event-ID");
   if (!seen.empty()) {
     const auto [end, error] = std::from_chars(seen.data(), seen.data() + seen.size(), last);
-    if (error != std::errc{} || end != seen.data() + seen.size()) {
+    constexpr auto most = static_cast<std::uint64_t>(ranges::bytes.most);
+    if (error != std::errc{} || end != seen.data() + seen.size() || last > most) {
       throw Error(ErrorCode::invalid_argument, "Give the number of an event as Last-Event-ID, or leave it out.");
     }
   }

@@ -66,7 +66,7 @@ std::optional<SphereFormat> sphere_format(std::string_view word) {
 }
 
 std::uint32_t level_of(const Query& query) {
-  return static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0));
+  return static_cast<std::uint32_t>(query.integer("level", ranges::level).value_or(0));
 }
 
 std::string export_names() {
@@ -156,8 +156,8 @@ Response get_spheres(const Call& call) {
   const SphereListing listing = sphere_listing(query);
   const std::uint32_t level = level_of(query);
   const auto members = query.choice("members", {"true", "false"});
-  const auto offset = query.integer("offset", 0, std::int64_t{1} << 52);
-  const auto limit = query.integer("limit", 1, 100'000);
+  const auto offset = query.integer("offset", ranges::row);
+  const auto limit = query.integer("limit", ranges::rows);
   std::optional<SphereFormat> format;
   if (given) {
     format = sphere_format(*given);
@@ -211,7 +211,7 @@ Response get_spheres(const Call& call) {
 
 Response get_measures(const Call& call) {
   const Query query(call.request, {"components", "level"});
-  const auto components = query.integer("components", 0, static_cast<std::int64_t>(listed_components)).value_or(10);
+  const auto components = query.integer("components", {0, static_cast<std::int64_t>(listed_components)}).value_or(10);
   constexpr std::array<std::string_view, 1> types = {"application/json"};
   negotiate(call.request.header("Accept"), types);
   const Wait wait = agreed_wait(call, true);
@@ -232,7 +232,7 @@ Response get_measures(const Call& call) {
 
 Response get_radius_histogram(const Call& call) {
   const Query query(call.request, {"buckets", "scale", "format", "width", "height"});
-  const auto buckets = static_cast<std::size_t>(query.integer("buckets", 1, 65536).value_or(40));
+  const auto buckets = static_cast<std::size_t>(query.integer("buckets", ranges::buckets).value_or(40));
   const auto scale = query.choice("scale", {"linear", "log"}) == "log" ? RadiusScale::logarithmic : RadiusScale::linear;
   const FigureFormat format = plot_format(call, query);
   const PlotSize size = plot_size(call, query);

@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "api/problem.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <span>
 
 namespace spherule::api {
 
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+// What is told of: an answer is not much longer than what it is about.
+constexpr std::size_t kMostErrors = 10;
 
 struct Kind {
   int status;
@@ -89,10 +94,12 @@ int status_of(ErrorCode code) { return kind_of(code).status; }
 std::string problem_document(const Error& error, const std::string& instance) {
   Json json = document(kind_of(error.code()), error.what(), instance);
   if (!error.fields().empty()) {
+    const std::size_t told = std::min(error.fields().size(), kMostErrors);
     Json& fields = json["errors"] = Json::array();
-    for (const FieldError& field : error.fields()) {
+    for (const FieldError& field : std::span(error.fields()).first(told)) {
       fields.push_back({{"pointer", field.pointer}, {"detail", field.detail}});
     }
+    if (error.fields().size() > told) json["more_errors"] = error.fields().size() - told;
   }
   return text(json);
 }

@@ -29,7 +29,8 @@ class HttpError : public std::runtime_error {
 /// The HTTP status of an error code.
 int status_of(ErrorCode code);
 
-/// The problem document of an error. `instance` is the request's id (left out when empty).
+/// The problem document of an error, with the first ten of its fields and how many there are beyond. `instance` is the
+/// request's id (left out when empty).
 std::string problem_document(const Error& error, const std::string& instance);
 
 Response problem(const Error& error, const std::string& instance);

@@ -57,13 +57,21 @@ std::string joined(std::span<const std::string_view> words) {
 
 using Json = nlohmann::json;
 
+constexpr int kMostFields = 100;
+
 // The JSON object that a body holds; `example` is one.
 Json object_in(std::string_view text, const std::string& example) {
   Json json;
+  int fields = 0;
   try {
-    // Requests are three levels deep at most; deeper text is refused before it can exhaust the stack.
-    json = Json::parse(text, [](int depth, Json::parse_event_t event, Json& part) {
+    // Requests are three levels deep at most; deeper text is refused before it can exhaust the stack, and so is one of
+    // far more fields than any request has, before each is remembered and told of.
+    json = Json::parse(text, [&](int depth, Json::parse_event_t event, Json& part) {
       if (depth > 8) throw Error(ErrorCode::malformed, "The body is nested too deeply; send a JSON object.");
+      if (event == Json::parse_event_t::key && ++fields > kMostFields) {
+        throw Error(ErrorCode::malformed, "The body has more than " + std::to_string(kMostFields) +
+                                              " fields; send an object such as " + example + ".");
+      }
       // Names are repeated in sentences, which a zero byte would end.
       if (event == Json::parse_event_t::key && part.get_ref<const std::string&>().find('\0') != std::string::npos) {
         throw Error(ErrorCode::malformed, "The body has a field with a zero byte in its name; send no such field.");
@@ -135,17 +143,16 @@ std::optional<std::string> Query::text(std::string_view name) const {
   return found->second;
 }
 
-std::optional<std::int64_t> Query::integer(std::string_view name, std::int64_t least, std::int64_t most) const {
+std::optional<std::int64_t> Query::integer(std::string_view name, const ranges::Whole& range) const {
   const auto given = text(name);
   if (!given) return std::nullopt;
   const auto value = parse_number<std::int64_t>(*given);
-  if (!value || *value < least || *value > most) {
-    refuse(name, "Give a whole number within " + std::to_string(least) + " and " + std::to_string(most) + ".");
-  }
+  if (!value || !range.holds(*value)) refuse(name, "Give a whole number " + range.words() + ".");
   return value;
 }
 
-std::optional<std::vector<double>> Query::numbers(std::string_view name, std::size_t count) const {
+std::optional<std::vector<double>> Query::numbers(std::string_view name, std::size_t count,
+                                                  const ranges::Real& range) const {
   const auto given = text(name);
   if (!given) return std::nullopt;
   std::vector<double> values;
@@ -153,12 +160,14 @@ std::optional<std::vector<double>> Query::numbers(std::string_view name, std::si
   for (std::string_view rest = *given; good && !rest.empty();) {
     const std::size_t end = std::min(rest.find(','), rest.size());
     const auto value = parse_number<double>(trimmed(rest.substr(0, end)));
-    good = value && std::isfinite(*value) && values.size() < count;
+    good = value && range.holds(*value) && values.size() < count;
     if (good) values.push_back(*value);
     rest.remove_prefix(std::min(end + 1, rest.size()));
   }
   if (!good || values.size() != count) {
-    refuse(name, "Give " + std::to_string(count) + " numbers with commas between.");
+    refuse(name, count == 1
+                     ? "Give a number " + range.words() + "."
+                     : "Give " + std::to_string(count) + " numbers with commas between, each " + range.words() + ".");
   }
   return values;
 }
@@ -171,7 +180,7 @@ std::optional<std::string> Query::choice(std::string_view name, std::initializer
 }
 
 PageRequest page_request(const Query& query) {
-  return {.limit = static_cast<std::size_t>(query.integer("limit", 1, 1000).value_or(100)),
+  return {.limit = static_cast<std::size_t>(query.integer("limit", ranges::page).value_or(100)),
           .cursor = query.text("cursor").value_or("")};
 }
 
@@ -224,7 +233,8 @@ std::vector<std::uint32_t> tree_levels(const Query& query) {
   if (!given) return levels;
   split(*given, ',', [&](std::string_view word) {
     const auto level = parse_number<std::uint32_t>(word);
-    if (!level || *level == 0 || levels.size() == 1000 || (!levels.empty() && *level <= levels.back())) {
+    if (!level || !ranges::level.holds(*level) || levels.size() == 1000 ||
+        (!levels.empty() && *level <= levels.back())) {
       refuse("levels", "Give ascending whole numbers above zero with commas between, at most 1000.");
     }
     levels.push_back(*level);
@@ -248,12 +258,12 @@ VolumeParameters volume_parameters(const Request& request) {
   VolumeParameters parameters;
   if (query.choice("format", {"raw"})) {
     RawLayout raw;
-    const auto dims = query.numbers("dims", 3);
+    const ranges::Real sizes{static_cast<double>(ranges::dim.least), static_cast<double>(ranges::dim.most)};
+    const auto dims = query.numbers("dims", 3, sizes);
     if (!dims) refuse("dims", "Raw samples need their sizes: dims=nx,ny,nz.");
     for (std::size_t a = 0; a < 3; ++a) {
       const double n = (*dims)[a];
-      if (n < 1 || n > 0x7fffffff || n != std::floor(n))
-        refuse("dims", "Every size must be a whole number above zero.");
+      if (n != std::floor(n)) refuse("dims", "Every size must be a whole number above zero.");
       raw.dims[a] = static_cast<std::int32_t>(n);
     }
     const auto dtype = query.text("dtype");
@@ -263,13 +273,10 @@ VolumeParameters volume_parameters(const Request& request) {
     } catch (const Error& error) {
       refuse("dtype", error.what());
     }
-    if (const auto spacing = query.numbers("spacing", 3)) {
+    if (const auto spacing = query.numbers("spacing", 3, ranges::spacing_mm))
       raw.spacing = {(*spacing)[0], (*spacing)[1], (*spacing)[2]};
-      if (!(raw.spacing.x > 0 && raw.spacing.y > 0 && raw.spacing.z > 0)) {
-        refuse("spacing", "Every spacing must be above zero.");
-      }
-    }
-    if (const auto origin = query.numbers("origin", 3)) raw.origin = {(*origin)[0], (*origin)[1], (*origin)[2]};
+    if (const auto origin = query.numbers("origin", 3, ranges::origin_mm))
+      raw.origin = {(*origin)[0], (*origin)[1], (*origin)[2]};
     raw.big_endian = query.choice("endian", {"little", "big"}) == "big";
     parameters.raw = raw;
   } else {
@@ -277,7 +284,7 @@ VolumeParameters volume_parameters(const Request& request) {
       if (query.text(name)) refuse(name, "This parameter describes headerless samples; add format=raw.");
     }
   }
-  if (const auto frame = query.integer("frame", 0, 0x7fffffff)) parameters.frame = static_cast<int>(*frame);
+  if (const auto frame = query.integer("frame", ranges::index)) parameters.frame = static_cast<int>(*frame);
   parameters.grid = query.text("grid").value_or("");
   if (parameters.raw && (parameters.frame || !parameters.grid.empty())) {
     refuse(parameters.frame ? "frame" : "grid", "Headerless samples are one volume; leave this parameter out.");
@@ -297,7 +304,7 @@ std::pair<RenderRequest, std::uint32_t> render_request(const Request& request) {
   wanted.options = parse_render_options(given);
   if (wanted.with.empty() && query.text("layout")) refuse("layout", "This is for a second model: with=mdl_….");
   check_render_options(wanted.options);
-  return {wanted, static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0))};
+  return {wanted, static_cast<std::uint32_t>(query.integer("level", ranges::level).value_or(0))};
 }
 
 std::string query_of(const RenderRequest& request) {
@@ -352,7 +359,8 @@ FigureFormat figure_format(const Request& request, const Query& query, std::span
 std::string_view media_type(FigureFormat format) { return kFigureTypes[static_cast<std::size_t>(format)]; }
 
 std::optional<ObjectRule> object_rule(const Query& query, Side natural) {
-  const auto threshold = query.numbers("threshold", 1), range = query.numbers("range", 2);
+  const auto threshold = query.numbers("threshold", 1, ranges::value);
+  const auto range = query.numbers("range", 2, ranges::value);
   const auto labels = query.text("labels");
   const auto inside = query.choice("inside", {"above", "below"}), border = query.choice("border", {"closed", "open"});
   const int objects = (threshold ? 1 : 0) + (range ? 1 : 0) + (labels ? 1 : 0);
@@ -446,7 +454,7 @@ std::pair<FileRequest, std::uint32_t> file_request(const Request& request, FileF
   OptionTexts given = request.query;
   std::erase_if(given, [](const auto& pair) { return pair.first == "level"; });
   return {{format, parse_file_options(format, given)},
-          static_cast<std::uint32_t>(query.integer("level", 1, 0xffffffff).value_or(0))};
+          static_cast<std::uint32_t>(query.integer("level", ranges::level).value_or(0))};
 }
 
 std::string query_of(const FileRequest& request) {
@@ -462,7 +470,7 @@ ModelWish model_wish(std::string_view text) {
   ModelWish wish;
   std::vector<FieldError> errors;
   int objects = 0;
-  const auto finite = [](const Json& j) { return j.is_number() && std::isfinite(j.get<double>()); };
+  const auto is_value = [](const Json& j) { return j.is_number() && ranges::value.holds(j.get<double>()); };
   for (const auto& [key, value] : json.items()) {
     if (key == "volume") {
       if (value.is_string()) {
@@ -472,19 +480,20 @@ ModelWish model_wish(std::string_view text) {
       }
     } else if (key == "threshold") {
       ++objects;
-      if (finite(value)) {
+      if (is_value(value)) {
         wish.rule.lo = value;
       } else {
-        errors.push_back({"/threshold", "Give a number."});
+        errors.push_back({"/threshold", "Give a number " + ranges::value.words() + "."});
       }
     } else if (key == "range") {
       ++objects;
-      if (value.is_array() && value.size() == 2 && finite(value[0]) && finite(value[1]) && value[0] <= value[1]) {
+      if (value.is_array() && value.size() == 2 && is_value(value[0]) && is_value(value[1]) && value[0] <= value[1]) {
         wish.rule.kind = ObjectRule::Kind::range;
         wish.rule.lo = value[0];
         wish.rule.hi = value[1];
       } else {
-        errors.push_back({"/range", "Give two numbers [lo, hi] with lo no greater than hi."});
+        errors.push_back(
+            {"/range", "Give two numbers [lo, hi] " + ranges::value.words() + ", with lo no greater than hi."});
       }
     } else if (key == "labels") {
       ++objects;

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "api/http.h"
+#include "core/base/ranges.h"
 
 namespace spherule::api {
 
@@ -29,10 +30,10 @@ class Query {
   Query(const Request& request, std::span<const std::string_view> known);
 
   std::optional<std::string> text(std::string_view name) const;
-  /// A whole number within [least, most].
-  std::optional<std::int64_t> integer(std::string_view name, std::int64_t least, std::int64_t most) const;
-  /// Exactly `count` numbers with commas between.
-  std::optional<std::vector<double>> numbers(std::string_view name, std::size_t count) const;
+  /// A whole number of the range.
+  std::optional<std::int64_t> integer(std::string_view name, const ranges::Whole& range) const;
+  /// Exactly `count` numbers of the range, with commas between.
+  std::optional<std::vector<double>> numbers(std::string_view name, std::size_t count, const ranges::Real& range) const;
   /// One of `choices`.
   std::optional<std::string> choice(std::string_view name, std::initializer_list<std::string_view> choices) const;
 

@@ -32,8 +32,10 @@ std::optional<std::uint64_t> byte_count(const Request& request, std::string_view
   if (text.empty()) return std::nullopt;
   std::uint64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) {
-    throw Error(ErrorCode::invalid_argument, "Give a whole number of bytes as " + std::string(name) + ".");
+  constexpr auto most = static_cast<std::uint64_t>(ranges::bytes.most);
+  if (error != std::errc{} || end != text.data() + text.size() || value > most) {
+    throw Error(ErrorCode::invalid_argument,
+                "Give a whole number of bytes " + ranges::bytes.words() + " as " + std::string(name) + ".");
   }
   return value;
 }

@@ -79,7 +79,7 @@ Response delete_volume(const Call& call) {
 
 Response get_volume_content(const Call& call) {
   const Query query(call.request, {"file"});
-  const auto index = static_cast<std::size_t>(query.integer("file", 0, 0x7fffffff).value_or(0));
+  const auto index = static_cast<std::size_t>(query.integer("file", ranges::index).value_or(0));
   // As what it is would be a guess, and a page of somebody else's making must never run as ours.
   return content_response(call, call.service.volume_content(call.id(), index), "application/octet-stream",
                           call.id() + "-" + std::to_string(index));
@@ -87,11 +87,11 @@ Response get_volume_content(const Call& call) {
 
 Response get_volume_histogram(const Call& call) {
   const Query query(call.request, {"buckets", "plot", "mark", "format", "width", "height"});
-  const auto wanted = query.integer("buckets", 1, 65536);
+  const auto wanted = query.integer("buckets", ranges::buckets);
   const FigureFormat format = plot_format(call, query);
   const PlotSize size = plot_size(call, query);
   const auto kind = query.choice("plot", {"values", "sizes"});
-  const auto mark = query.numbers("mark", 1);
+  const auto mark = query.numbers("mark", 1, ranges::value);
   if (format == FigureFormat::json && (kind || mark)) {
     throw Error(ErrorCode::invalid_argument, "Correct the parameters listed under errors.",
                 {{kind ? "plot" : "mark", "This is for a plot: format=png or svg."}});

@@ -113,9 +113,11 @@ std::string pictures(Store& store, const Resource& resource, std::uint32_t level
     }
     subjects.push_back({.model = models[i].get(), .surface = &surfaces[i], .contributions_mm3 = volumes[i]});
   }
-  const std::vector<Image> frames = render(subjects, wanted.options, job.context(0.3, 0.95));
+  const Context context = job.context(0.3, 0.95);
+  const std::vector<Image> frames = render(subjects, wanted.options, context);
   constexpr int kFramesPerSecond = 15;
-  return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond) : encode_png(frames.front());
+  return wanted.options.turntable > 0 ? encode_gif(frames, kFramesPerSecond, context)
+                                      : encode_png(frames.front(), context);
 }
 
 std::string tree(Store& store, const Resource& resource, const api::TreeRequest& wanted, const Context& context) {
@@ -143,9 +145,9 @@ std::string slice(Store& store, const Resource& resource, const api::SliceReques
   Window window;
   if (wanted.options.image) window = wanted.options.window ? *wanted.options.window : usual_window(volume, context);
   SlicePicture picture = draw_slice(plane, wanted.axis, wanted.index, object, window, wanted.options, context);
-  if (wanted.format == api::FigureFormat::svg) return to_svg(picture.drawing, encode_png(picture.image));
-  paint(picture.drawing, picture.image);
-  return encode_png(picture.image);
+  if (wanted.format == api::FigureFormat::svg) return to_svg(picture.drawing, encode_png(picture.image, context), context);
+  paint(picture.drawing, picture.image, context);
+  return encode_png(picture.image, context);
 }
 
 // Makes an answer durable.

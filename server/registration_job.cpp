@@ -24,7 +24,8 @@ std::string before_after(Store& store, const api::RegistrationInfo& info, const 
     fixed = store.load(store.find_model(info.request.fixed), job.context(0, 0.1));
     moving = store.load(store.find_model(info.request.moving), job.context(0.1, 0.2));
   }
-  return encode_png(before_and_after(*fixed, *moving, info.moving_to_fixed, wanted.options, job.context(0.2, 0.95)));
+  const Context context = job.context(0.2, 0.95);
+  return encode_png(before_and_after(*fixed, *moving, info.moving_to_fixed, wanted.options, context), context);
 }
 
 std::string applied(Store& store, const api::RegistrationInfo& info, api::Applied what, JobContext& job) {

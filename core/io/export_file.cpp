@@ -8,6 +8,7 @@
 #include "core/base/check.h"
 #include "core/base/error.h"
 #include "core/base/option_values.h"
+#include "core/base/ranges.h"
 #include "core/io/export_grids.h"
 #include "core/simplify/object.h"
 
@@ -42,9 +43,9 @@ constexpr std::array<std::string_view, 2> kLinks = {"link", "origin"}, kClumps =
                                           kGlb = {"style", "detail"};
 constexpr std::array<std::string_view, 1> kGrids = {"voxel_mm"};
 
-double positive(std::string_view name, std::string_view text) {
+double number_in(const ranges::Real& range, std::string_view name, std::string_view text) {
   const auto value = detail::number_in<double>(text);
-  if (!value || !(*value > 0)) detail::refuse_option(name, "Give a number above 0.");
+  if (!value || !range.holds(*value)) detail::refuse_option(name, "Give a number " + range.words() + ".");
   return *value;
 }
 
@@ -64,7 +65,7 @@ bool second_of(std::string_view name, std::string_view text, std::string_view fi
 
 void set(FileOptions& options, std::string_view name, std::string_view text) {
   if (name == "density") {
-    options.density_kg_m3 = positive(name, text);
+    options.density_kg_m3 = number_in(ranges::density, name, text);
   } else if (name == "link") {
     if (!is_name(text)) {
       detail::refuse_option(name, "Give a letter or underscore and then at most 63 letters, digits and underscores.");
@@ -77,10 +78,11 @@ void set(FileOptions& options, std::string_view name, std::string_view text) {
         second_of(name, text, "instanced", "mesh") ? GlbOptions::Style::mesh : GlbOptions::Style::instanced;
   } else if (name == "detail") {
     const auto value = detail::number_in<int>(text);
-    if (!value || *value < 0 || *value > 5) detail::refuse_option(name, "Give a whole number within 0 and 5.");
+    if (!value || !ranges::detail.holds(*value))
+      detail::refuse_option(name, "Give a whole number " + ranges::detail.words() + ".");
     options.glb.detail = *value;
   } else {
-    options.voxel_mm = positive(name, text);
+    options.voxel_mm = number_in(ranges::voxel_mm, name, text);
   }
 }
 

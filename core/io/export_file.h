@@ -36,12 +36,12 @@ const FileFormatInfo& info(FileFormat format);
 std::optional<FileFormat> file_format(std::string_view name);
 
 struct FileOptions {
-  double density_kg_m3 = 1000;            ///< urdf, liggghts, lammps, yade; above 0
+  double density_kg_m3 = 1000;            ///< urdf, liggghts, lammps, yade; within ranges::density (base/ranges.h)
   std::string link = "object";            ///< urdf, srdf, xrdf, curobo: at most 64 letters, digits and underscores
   BodyOrigin origin = BodyOrigin::frame;  ///< bodies: all of these
   GlbOptions glb{};                       ///< as `style` and `detail`
   /// vdb: absent is 1/256 of the longest side of the spheres' box. nifti: the mask is on a grid of such voxels around
-  /// the spheres, along LPS; absent: on the scan's own.
+  /// the spheres, along LPS; absent: on the scan's own. Within ranges::voxel_mm.
   std::optional<double> voxel_mm{};
 };
 

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "core/base/parallel.h"
+#include "core/base/ranges.h"
 #include "core/mass.h"
 #include "core/register/overlap.h"
 #include "core/register/rotations.h"
@@ -71,6 +72,14 @@ double turn_between(const AffineMap& a, const AffineMap& b) {
   return angle_between(nearest_rotation(a.linear), nearest_rotation(b.linear));
 }
 
+// What is too flat, or too much smaller than its partner, may leave numbers that make no transform.
+void require_some(const std::vector<Candidate>& found) {
+  if (!found.empty()) return;
+  throw Error(ErrorCode::unusable,
+              "No transform of this kind takes one model onto the other: one is too flat, or their sizes are too far "
+              "apart; scale them first, or ask for another transform or method.");
+}
+
 // The best first, and none that another one makes superfluous.
 std::vector<Candidate> distinct(std::vector<Candidate> candidates, double degrees, std::size_t most) {
   std::ranges::stable_sort(candidates, std::greater<>(), &Candidate::score);
@@ -103,6 +112,8 @@ class Registering {
     std::vector<Candidate> found;
     timed("search", 0.3, [&] { found = options_.method == RegistrationMethod::global ? by_overlap() : by_matching(); });
     for (Candidate& c : found) c.map = bounded(c.map);
+    std::erase_if(found, [](const Candidate& c) { return !is_proper(c.map); });
+    require_some(found);
     if (options_.refine) timed("surfaces", 0.5, [&] { found = by_surfaces(std::move(found)); });
     timed("quality", 0.8, [&] { describe(found); });
     context_.report("register", 1);
@@ -234,6 +245,8 @@ class Registering {
   }
 
   void describe(std::vector<Candidate>& found) {
+    std::erase_if(found, [](const Candidate& c) { return !is_proper(c.map); });
+    require_some(found);
     const AffineMap& map = found[0].map;
     result_.moving_to_fixed = map;
     result_.centre = moving_.centroid;
@@ -300,13 +313,13 @@ void require(bool holds, const std::string& field, const std::string& sentence) 
 }  // namespace
 
 void check_registration_options(const RegistrationOptions& o) {
-  require(o.k >= 4 && o.k <= 512, "k", "Give k as a whole number within 4 and 512.");
-  require(o.inits >= 1 && o.inits <= 256, "inits", "Give inits as a whole number within 1 and 256.");
-  require(o.min_scale > 0 && o.min_scale <= o.max_scale && std::isfinite(o.max_scale), "scale_bounds",
-          "Give scale_bounds as two positive numbers, the lower one first.");
-  for (const double w : {o.weights.position, o.weights.size, o.weights.shape, o.weights.alone}) {
-    require(w >= 0 && w <= 1e6, "weights", "Give weights as numbers within 0 and 1e6.");
-  }
+  const auto& k = ranges::registered_spheres;
+  require(k.holds(o.k), "k", "Give k as a whole number " + k.words() + ".");
+  require(ranges::inits.holds(o.inits), "inits", "Give inits as a whole number " + ranges::inits.words() + ".");
+  require(ranges::scale.holds(o.min_scale) && ranges::scale.holds(o.max_scale) && o.min_scale <= o.max_scale,
+          "scale_bounds", "Give scale_bounds as two numbers " + ranges::scale.words() + ", the lower one first.");
+  for (const double w : {o.weights.position, o.weights.size, o.weights.shape, o.weights.alone})
+    require(ranges::weight.holds(w), "weights", "Give weights as numbers " + ranges::weight.words() + ".");
 }
 
 Registration register_models(const SphereModel& fixed, const SphereModel& moving, const RegistrationOptions& options,

@@ -30,6 +30,11 @@ AffineMap inverse(const AffineMap& map) {
   return {back, -(back * map.shift)};
 }
 
+bool is_proper(const AffineMap& map) {
+  const double volume = determinant(map.linear);
+  return std::isnormal(volume) && volume > 0 && std::isfinite(map.shift.x + map.shift.y + map.shift.z);
+}
+
 double scale_of(const AffineMap& map) { return std::cbrt(determinant(map.linear)); }
 
 Mat3 rotation(const Quaternion& q) {

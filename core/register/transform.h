@@ -26,6 +26,9 @@ Mat3 scaled(double factor, const Mat3& m);
 Mat3 inverse(const Mat3& m);
 AffineMap inverse(const AffineMap& map);
 
+/// Whether space keeps its handedness and three dimensions, in finite numbers: what the functions below can tell of.
+bool is_proper(const AffineMap& map);
+
 /// The factor by which lengths grow: the cube root of that of volumes. Precondition: determinant > 0.
 double scale_of(const AffineMap& map);
 

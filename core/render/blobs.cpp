@@ -74,9 +74,49 @@ struct Crossings : Lanes {
     order.resize(list.size());
     for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
     std::ranges::sort(order, {}, [&](std::uint32_t i) { return list[i].source; });
+    by_entry_.clear();
+    near_first_ = kInfinity, near_last_ = -kInfinity;
+  }
+  // Of `order`, the fields that may be anything but 0 somewhere between these places on the rays. A ray along a row of
+  // n balls makes some steps in each: it must not look at all n for each step.
+  std::span<const std::uint32_t> between(double first, double last) {
+    if (order.size() <= kFew) return order;
+    const bool within = first >= near_first_ && last <= near_last_;
+    if (within && (near_.size() <= kFew || near_last_ - near_first_ <= 4 * (last - first))) return near_;
+    if (by_entry_.empty()) set_ways();
+    near_.clear();
+    near_first_ = first, near_last_ = last;
+    const auto begin = std::ranges::partition_point(by_entry_, [&](const Way& w) { return w.last_so_far < first; });
+    for (auto w = begin; w != by_entry_.end() && w->first <= last; ++w)
+      if (w->last >= first) near_.push_back(w->rank);
+    std::ranges::sort(near_);
+    for (std::uint32_t& rank : near_) rank = order[rank];
+    return near_;
   }
 
  private:
+  static constexpr std::size_t kFew = 32;
+  // The part of the rays on which a field may be anything but 0.
+  struct Way {
+    double first, last;
+    double last_so_far;  // the largest `last` of this one and those before
+    std::uint32_t rank;  // in `order`
+  };
+  void set_ways() {
+    for (std::uint32_t rank = 0; rank < order.size(); ++rank) {
+      const Crossing& c = list[order[rank]];
+      Way way{kInfinity, -kInfinity, 0, rank};
+      for (std::size_t k = 0; k < kLanes; ++k) {
+        if (!(c.squared_half[k] > 0)) continue;
+        const double half = std::sqrt(c.squared_half[k]);
+        way.first = std::min(way.first, c.middle[k] - half), way.last = std::max(way.last, c.middle[k] + half);
+      }
+      by_entry_.push_back(way);
+    }
+    std::ranges::sort(by_entry_, {}, &Way::first);
+    double last = -kInfinity;
+    for (Way& way : by_entry_) last = way.last_so_far = std::max(last, way.last);
+  }
   // Where the source is in the table, or would be.
   std::size_t slot(std::uint32_t source) const {
     std::size_t at = (source * 0x9E3779B1U) & (table_.size() - 1);
@@ -88,6 +128,9 @@ struct Crossings : Lanes {
     for (std::size_t i = 0; i < list.size(); ++i) table_[slot(list[i].source)] = static_cast<std::uint32_t>(i) + 1;
   }
   std::vector<std::uint32_t> table_;  // open addressing: index in list + 1, or 0
+  std::vector<Way> by_entry_;         // made when it is first needed
+  std::vector<std::uint32_t> near_;   // the fields between these places
+  double near_first_ = 0, near_last_ = 0;
 };
 
 // Notes the ways through a field, and the entries into its ball: what lies beyond those is beyond the surface. Returns
@@ -169,12 +212,13 @@ struct Sums {
 };
 
 SPHERULE_VECTORS
-void add_up(const Crossings& ways, const Walk& walk, const std::array<double, kLanes>& to, Sums& sums) {
+void add_up(const std::vector<Crossing>& list, std::span<const std::uint32_t> some, const Walk& walk,
+            const std::array<double, kLanes>& to, Sums& sums) {
   for (std::size_t h = 0; h < kEights; ++h) {
     const Eight at = eights(walk.at)[h], next = eights(to)[h], none{};
     Eight value{}, slope{}, bend{};
-    for (const std::uint32_t i : ways.order) {
-      const Crossing& c = ways.list[i];
+    for (const std::uint32_t i : some) {
+      const Crossing& c = list[i];
       const Eight squared_half = eights(c.squared_half)[h], a = at - eights(c.middle)[h],
                   b = next - eights(c.middle)[h];
       const Eight squared_a = a * a, squared_b = b * b, q = squared_half - squared_a;
@@ -191,17 +235,32 @@ void add_up(const Crossings& ways, const Walk& walk, const std::array<double, kL
   }
 }
 
+// A step that is no shorter than `least` and gets somewhere, though `at` is rounded.
+double step_from(double at, double step, double least) { return std::max({step, least, 0x1p-50 * at}); }
+
 // Walks until every ray is on the surface or at its end. `least`: mm that every step makes, below what matters.
-void march(const Crossings& ways, double least, Walk& walk) {
+void march(Crossings& ways, double least, const Context& context, Walk& walk) {
   alignas(64) std::array<double, kLanes> stretch, to;
   Sums sums;
   for (std::size_t k = 0; k < kLanes; ++k) stretch[k] = kFirstStretch * (walk.end[k] - walk.at[k]);
   for (bool going = true; going;) {
+    context.throw_if_cancelled();
     going = false;
-    for (std::size_t k = 0; k < kLanes; ++k) to[k] = std::min(walk.at[k] + stretch[k], walk.end[k]);
-    add_up(ways, walk, to, sums);
+    // Rays that are ahead wait, so that all look at the same few fields.
+    double first = kInfinity, last = 0, reached = 0;
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      to[k] = std::min(walk.at[k] + stretch[k], walk.end[k]);
+      if (walk.active[k] != 0 && walk.at[k] < first) first = walk.at[k], reached = to[k];
+    }
+    for (std::size_t k = 0; k < kLanes; ++k)
+      if (walk.active[k] != 0 && walk.at[k] <= reached) last = std::max(last, to[k]);
+    add_up(ways.list, ways.between(first, last), walk, to, sums);
     for (std::size_t k = 0; k < kLanes; ++k) {
       if (walk.active[k] == 0) continue;
+      if (walk.at[k] > reached) {
+        going = true;
+        continue;
+      }
       const double missing = 1 - sums.value[k];
       if (missing <= kOnSurface) {
         walk.met[k] = 1, walk.active[k] = 0;
@@ -210,7 +269,7 @@ void march(const Crossings& ways, double least, Walk& walk) {
       // Where the parabola comes to 1, if it does.
       const double slope = sums.slope[k], squared = slope * slope + 2 * sums.bend[k] * missing;
       const double below = squared >= 0 ? slope + std::sqrt(squared) : 0;
-      const double step = below > 0 ? std::max(2 * missing / below, least) : kInfinity;
+      const double step = below > 0 ? step_from(walk.at[k], 2 * missing / below, least) : kInfinity;
       if (walk.at[k] + step < to[k]) {
         walk.at[k] += step, stretch[k] = kNextStretch * step;
       } else {
@@ -224,7 +283,8 @@ void march(const Crossings& ways, double least, Walk& walk) {
 
 class Blobs final : public Tracer, private Primitives {
  public:
-  Blobs(std::span<const Sphere> spheres, double blend, const Context& context) {
+  Blobs(std::span<const Sphere> spheres, double blend, const Context& context)
+      : context_{.threads = 1, .cancel = context.cancel, .progress = {}} {
     for (const Sphere& s : spheres) {
       const double reach = s.radius + blend, gap = blend * (2 * s.radius + blend);
       sources_.push_back({s.centre, s.radius * s.radius, reach * reach, 1 / (gap * gap)});
@@ -330,6 +390,7 @@ class Blobs final : public Tracer, private Primitives {
     Crossings ways;
     Walk walk;
     for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      context_.throw_if_cancelled();
       const std::size_t count = ways.begin(rays.subspan(begin));
       find(ways, count);
       ways.sort();
@@ -339,7 +400,7 @@ class Blobs final : public Tracer, private Primitives {
   }
 
   // Walks the first `count` rays to where they enter.
-  void walk_in(const Crossings& ways, std::size_t count, Walk& walk) const {
+  void walk_in(Crossings& ways, std::size_t count, Walk& walk) const {
     start(ways, walk);
     bool any = false;
     for (std::size_t k = 0; k < kLanes; ++k) {
@@ -347,7 +408,7 @@ class Blobs final : public Tracer, private Primitives {
       if (walk.active[k] != 0 && walk.at[k] == 0) walk_out(ways, k, walk);
       any = any || walk.active[k] != 0;
     }
-    if (any) march(ways, 1e-6 * lift_, walk);
+    if (any) march(ways, 1e-6 * lift_, context_, walk);
   }
 
   // A ray may start inside; it has not entered then, and first leaves. The second derivative of a field is nowhere
@@ -364,7 +425,7 @@ class Blobs final : public Tracer, private Primitives {
       const double over = value - 1;
       if (over < -kOnSurface) return;
       const double step = over > 0 ? 2 * over / (std::sqrt(slope * slope + 2 * bend * over) - slope) : 0;
-      walk.at[k] += std::max(step, 1e-6 * lift_);
+      walk.at[k] += step_from(walk.at[k], step, 1e-6 * lift_);
       if (walk.at[k] >= walk.end[k]) walk.active[k] = 0;
       if (walk.active[k] == 0) return;
     }
@@ -397,6 +458,7 @@ class Blobs final : public Tracer, private Primitives {
     }
   }
 
+  Context context_;  // only to hear a cancel
   std::vector<Source> sources_;
   Box bounds_;
   double lift_ = 0;

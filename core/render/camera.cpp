@@ -8,6 +8,7 @@
 #include <string>
 
 #include "core/base/error.h"
+#include "core/base/ranges.h"
 
 namespace spherule {
 namespace {
@@ -30,21 +31,22 @@ void look(View view, Camera& camera) {
   }
 }
 
-bool finite(Vec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+void require_place(const char* field, Vec3 place) {
+  if (!all_in(ranges::place_mm, place)) refuse(field, "must be three numbers " + ranges::place_mm.words() + " mm");
+}
 
 // Up is made perpendicular to the sight line.
 void look(const Viewpoint& viewpoint, Vec3 middle, Camera& camera) {
+  require_place("position", viewpoint.position);
+  if (viewpoint.look_at) require_place("look_at", *viewpoint.look_at);
   camera.centre = viewpoint.look_at.value_or(middle);
-  if (!finite(viewpoint.position)) refuse("position", "must be three numbers in mm");
-  if (!finite(camera.centre)) refuse("look_at", "must be three numbers in mm");
   const Vec3 sight = camera.centre - viewpoint.position;
   const double length = norm(sight);
-  if (!(length > 1e-9 * (1 + norm(camera.centre))) || !std::isfinite(length))
-    refuse("position", "must differ from the point that it looks at");
+  if (!(length > 1e-9 * (1 + norm(camera.centre)))) refuse("position", "must differ from the point that it looks at");
   camera.forward = (1 / length) * sight;
   camera.distance = length;
   Vec3 up = viewpoint.up.value_or(std::abs(camera.forward.z) < 0.999 ? Vec3{0, 0, 1} : Vec3{0, -1, 0});
-  if (!finite(up) || !(norm(up) > 0)) refuse("up", "must be three numbers, not all zero");
+  if (!is_direction(up)) refuse("up", "must be three numbers " + ranges::direction.words() + ", not all near zero");
   up = normalised(up);
   const Vec3 across = up - dot(up, camera.forward) * camera.forward;
   if (norm(across) < 1e-6) refuse("up", "must not be along the line of sight");
@@ -95,6 +97,8 @@ bool sees(const Camera& camera, const Box& box, int width, int height) {
 
 }  // namespace
 
+bool is_direction(Vec3 v) { return all_in(ranges::direction, v) && norm(v) >= 1e-9; }
+
 Camera::Line Camera::line_of_sight(double x, double y) const {
   const Vec3 across = mm_per_pixel * (x * right - y * up);
   if (projection == Projection::orthographic) return {centre + across - distance * forward, forward};
@@ -109,8 +113,8 @@ Vec3 Camera::seen_at(Vec3 point) const {
 }
 
 Camera make_camera(const CameraOptions& options, View view, double turn, const Box& box, int width, int height) {
-  if (!(options.field_of_view >= 1 && options.field_of_view <= 120))
-    refuse("field_of_view", "must be within 1 and 120 degrees");
+  if (!ranges::field_of_view.holds(options.field_of_view))
+    refuse("field_of_view", "must be " + ranges::field_of_view.words() + " degrees");
   Camera camera;
   camera.projection = options.projection;
   const Vec3 middle = 0.5 * (box.min + box.max);

@@ -23,7 +23,11 @@ enum class View : char { anterior = 'a', posterior = 'p', right = 'r', left = 'l
 
 enum class Projection : std::uint8_t { orthographic, perspective };
 
-/// A place to look from, in LPS mm.
+/// Whether a vector that a user gave can be made a unit vector: components within ranges::direction (base/ranges.h),
+/// of length at least 1e-9.
+bool is_direction(Vec3 v);
+
+/// A place to look from, in LPS mm: coordinates within ranges::place_mm, `up` a direction.
 struct Viewpoint {
   Vec3 position;
   std::optional<Vec3> look_at;  ///< shown in the middle of the picture; absent: the middle of the object

@@ -26,9 +26,13 @@ std::vector<std::uint32_t> pieces(const SphereModel& model, const Context& conte
   return by_size(first_of_component(model, context));
 }
 
-std::vector<std::uint32_t> pieces(std::size_t vertices, std::span<const std::array<std::uint32_t, 3>> triangles) {
+std::vector<std::uint32_t> pieces(std::size_t vertices, std::span<const std::array<std::uint32_t, 3>> triangles,
+                                  const Context& context) {
   DisjointSets sets(vertices);
-  for (const auto& t : triangles) sets.unite(t[0], t[1]), sets.unite(t[0], t[2]);
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    if (i % 65536 == 0) context.throw_if_cancelled();
+    sets.unite(triangles[i][0], triangles[i][1]), sets.unite(triangles[i][0], triangles[i][2]);
+  }
   std::vector<std::uint32_t> of(vertices);
   for (std::uint32_t v = 0; v < vertices; ++v) of[v] = sets.find(v);
   return by_size(std::move(of));

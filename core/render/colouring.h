@@ -14,9 +14,11 @@
 namespace spherule {
 
 /// Numbers of connected pieces: 0 for the one with the most members, and so on (the first member decides among
-/// equals). Of a model's spheres, as components.h says; of triangles' vertices, O(triangles).
+/// equals). Of a model's spheres, as components.h says; of triangles' vertices, O(triangles). Throws
+/// cancelled.
 std::vector<std::uint32_t> pieces(const SphereModel& model, const Context& context);
-std::vector<std::uint32_t> pieces(std::size_t vertices, std::span<const std::array<std::uint32_t, 3>> triangles);
+std::vector<std::uint32_t> pieces(std::size_t vertices, std::span<const std::array<std::uint32_t, 3>> triangles,
+                                  const Context& context);
 
 /// The numbers below which a 100th and above which a 100th of `values` lie, made a little different when equal;
 /// {0, 1} for none. Reorders a copy.

@@ -23,14 +23,24 @@ class Mask {
         cover_(static_cast<std::size_t>(std::max(0, x1_ - x0_)) * static_cast<std::size_t>(std::max(0, y1_ - y0_)),
                0.0F) {}
 
-  // Pixels within `reach` of a segment, by their centres' distance from it.
+  // Pixels within `reach` of a segment, by their centres' distance from it. Only the span of each row that the line can
+  // reach: a long one is looked at no more than it is long.
   void stroke(Point2 a, Point2 b, double width) {
     const double reach = width / 2 + 0.5, dx = b.x - a.x, dy = b.y - a.y, squared = dx * dx + dy * dy;
-    each(std::min(a.x, b.x) - reach, std::min(a.y, b.y) - reach, std::max(a.x, b.x) + reach, std::max(a.y, b.y) + reach,
-         [&](double x, double y) {
-           const double t = squared > 0 ? std::clamp(((x - a.x) * dx + (y - a.y) * dy) / squared, 0.0, 1.0) : 0;
-           return reach - std::hypot(x - a.x - t * dx, y - a.y - t * dy);
-         });
+    const auto depth = [&](double x, double y) {
+      const double t = squared > 0 ? std::clamp(((x - a.x) * dx + (y - a.y) * dy) / squared, 0.0, 1.0) : 0;
+      return reach - std::hypot(x - a.x - t * dx, y - a.y - t * dy);
+    };
+    const double left = std::min(a.x, b.x) - reach, right = std::max(a.x, b.x) + reach;
+    const double half = 1 + reach * std::sqrt(squared) / std::abs(dy);  // of a row's span
+    const int first = clamped(std::floor(std::min(a.y, b.y) - reach), y1_),
+              last = clamped(std::ceil(std::max(a.y, b.y) + reach), y1_);
+    for (int y = std::max(y0_, first); y < last; ++y) {
+      const double middle = a.x + (y + 0.5 - a.y) * dx / dy;
+      // Along a row there is no middle: both are not finite, and all of it is looked at.
+      each(std::isfinite(middle) ? std::max(left, middle - half) : left, y,
+           std::isfinite(middle) ? std::min(right, middle + half) : right, y + 1, depth);
+    }
   }
   // Only the two spans of each row that the ring can reach: a large one is looked at no more than its line is long.
   void ring(Point2 c, double radius, double width) {
@@ -54,18 +64,23 @@ class Mask {
   void area(const std::vector<Point2>& polygon) {
     double top = polygon[0].y, bottom = polygon[0].y;
     for (const Point2 p : polygon) top = std::min(top, p.y), bottom = std::max(bottom, p.y);
-    for (int y = std::max(y0_, static_cast<int>(std::floor(top))); y < std::min<double>(y1_, bottom); ++y) {
+    for (int y = std::max(y0_, clamped(std::floor(top), y1_)); y < std::min<double>(y1_, bottom); ++y) {
       std::vector<Point2> band = clipped(clipped(polygon, 0, 1, y, true), 0, 1, y + 1, false);
       if (band.size() < 3) continue;
       double left = band[0].x, right = band[0].x;
       for (const Point2 p : band) left = std::min(left, p.x), right = std::max(right, p.x);
-      for (int x = std::max(x0_, static_cast<int>(std::floor(left))); x < std::min<double>(x1_, right); ++x)
-        at(x, y) += static_cast<float>(size(clipped(clipped(band, 1, 0, x, true), 1, 0, x + 1, false)));
+      const auto [full, end] = covered(polygon, y);
+      const int last = static_cast<int>(std::min<double>(x1_, std::ceil(right)));
+      for (int x = std::max(x0_, clamped(std::floor(left), x1_)); x < last; ++x)
+        at(x, y) += x >= full && x < end
+                        ? 1
+                        : static_cast<float>(size(clipped(clipped(band, 1, 0, x, true), 1, 0, x + 1, false)));
     }
   }
 
-  void blend(Ink ink, Image& image) const {
-    for (int y = y0_; y < y1_; ++y)
+  void blend(Ink ink, const Context& context, Image& image) const {
+    for (int y = y0_; y < y1_; ++y) {
+      context.throw_if_cancelled();
       for (int x = x0_; x < x1_; ++x) {
         const double cover = std::min(1.0F, at(x, y)) * ink.opacity;
         if (cover <= 0) continue;
@@ -76,6 +91,7 @@ class Mask {
           rgba[a] = static_cast<std::uint8_t>(std::lround((cover * colour[a] + behind * rgba[a]) / alpha));
         rgba[3] = static_cast<std::uint8_t>(std::lround(255 * alpha));
       }
+    }
   }
 
  private:
@@ -93,6 +109,24 @@ class Mask {
     for (int y = ya; y < yb; ++y)
       for (int x = xa; x < xb; ++x)
         at(x, y) = std::max(at(x, y), static_cast<float>(std::clamp(depth(x + 0.5, y + 0.5), 0.0, 1.0)));
+  }
+
+  // The pixels [first, end) of row y that a convex polygon covers: those whose four corners it holds.
+  std::pair<int, int> covered(const std::vector<Point2>& polygon, int y) const {
+    double left = x0_, right = x1_;
+    for (const double height : {y + 0.0, y + 1.0}) {
+      double least = INFINITY, most = -INFINITY;
+      for (std::size_t i = 0; i < polygon.size(); ++i) {
+        const Point2 a = polygon[i], b = polygon[(i + 1) % polygon.size()];
+        if (std::min(a.y, b.y) > height || std::max(a.y, b.y) < height) continue;
+        const double t = a.y == b.y ? 0 : (height - a.y) / (b.y - a.y);
+        for (const double x : {a.x + t * (b.x - a.x), a.y == b.y ? b.x : a.x + t * (b.x - a.x)})
+          least = std::min(least, x), most = std::max(most, x);
+      }
+      left = std::max(left, least), right = std::min(right, most);
+    }
+    return left < right ? std::pair(static_cast<int>(std::ceil(left)), static_cast<int>(std::floor(right)))
+                        : std::pair(0, 0);
   }
 
   // The part of a polygon with fx·x + fy·y >= at (or <=).
@@ -148,9 +182,9 @@ Drawing::Shape as_lines(const Drawing::Shape& text) {
   return lines;
 }
 
-void paint(const Drawing::Shape& shape, Image& image) {
+void paint(const Drawing::Shape& shape, const Context& context, Image& image) {
   using Kind = Drawing::Shape::Kind;
-  if (shape.kind == Kind::text) return paint(as_lines(shape), image);
+  if (shape.kind == Kind::text) return paint(as_lines(shape), context, image);
   Extent extent;
   for (const auto& path : shape.paths)
     for (const Point2 p : path) extent.include(p, shape.size / 2 + 1);
@@ -158,6 +192,7 @@ void paint(const Drawing::Shape& shape, Image& image) {
   if (!(extent.left < extent.right)) return;
   Mask mask(image, extent.left, extent.top, extent.right, extent.bottom);
   for (const auto& path : shape.paths) {
+    context.throw_if_cancelled();
     if (shape.kind == Kind::areas) {
       if (path.size() >= 3) mask.area(path);
     } else if (path.size() == 1) {
@@ -167,13 +202,14 @@ void paint(const Drawing::Shape& shape, Image& image) {
     }
   }
   for (const auto& ring : shape.rings) {
+    context.throw_if_cancelled();
     if (shape.kind == Kind::discs) {
       mask.disc(ring.centre, ring.radius);
     } else {
       mask.ring(ring.centre, ring.radius, shape.size);
     }
   }
-  mask.blend(shape.ink, image);
+  mask.blend(shape.ink, context, image);
 }
 
 // The shortest text with two decimals.
@@ -220,9 +256,10 @@ std::string colour(Ink ink, const char* what) {
   return out;
 }
 
-std::string path_data(const std::vector<std::vector<Point2>>& paths, bool closed) {
+std::string path_data(const std::vector<std::vector<Point2>>& paths, bool closed, const Context& context) {
   std::string out;
   for (const auto& path : paths) {
+    context.throw_if_cancelled();
     for (std::size_t i = 0; i < path.size(); ++i)
       out += (i == 0 ? "M" : "L") + number(path[i].x) + ' ' + number(path[i].y);
     if (closed || path.size() == 1) out += 'Z';
@@ -230,30 +267,35 @@ std::string path_data(const std::vector<std::vector<Point2>>& paths, bool closed
   return out;
 }
 
-std::string svg_of(const Drawing::Shape& shape) {
-  using Kind = Drawing::Shape::Kind;
+std::string svg_of(const std::vector<Drawing::Ring>& rings, const Context& context) {
   std::string out;
+  for (const auto& [c, r] : rings) {
+    context.throw_if_cancelled();
+    out += "<circle cx=\"" + number(c.x) + "\" cy=\"" + number(c.y) + "\" r=\"" + number(r) + "\"/>\n";
+  }
+  return out;
+}
+
+std::string svg_of(const Drawing::Shape& shape, const Context& context) {
+  using Kind = Drawing::Shape::Kind;
   switch (shape.kind) {
     case Kind::lines:
-      return "<path d=\"" + path_data(shape.paths, false) + "\" fill=\"none\" stroke-width=\"" + number(shape.size) +
-             "\" stroke-linecap=\"round\" stroke-linejoin=\"round\"" + colour(shape.ink, "stroke") + "/>\n";
-    case Kind::areas: return "<path d=\"" + path_data(shape.paths, true) + '"' + colour(shape.ink, "fill") + "/>\n";
+      return "<path d=\"" + path_data(shape.paths, false, context) + "\" fill=\"none\" stroke-width=\"" +
+             number(shape.size) + "\" stroke-linecap=\"round\" stroke-linejoin=\"round\"" +
+             colour(shape.ink, "stroke") + "/>\n";
+    case Kind::areas:
+      return "<path d=\"" + path_data(shape.paths, true, context) + '"' + colour(shape.ink, "fill") + "/>\n";
     case Kind::circles:
-      for (const auto& [c, r] : shape.rings)
-        out += "<circle cx=\"" + number(c.x) + "\" cy=\"" + number(c.y) + "\" r=\"" + number(r) + "\"/>\n";
-      return "<g fill=\"none\" stroke-width=\"" + number(shape.size) + '"' + colour(shape.ink, "stroke") + ">\n" + out +
-             "</g>\n";
-    case Kind::discs:
-      for (const auto& [c, r] : shape.rings)
-        out += "<circle cx=\"" + number(c.x) + "\" cy=\"" + number(c.y) + "\" r=\"" + number(r) + "\"/>\n";
-      return "<g" + colour(shape.ink, "fill") + ">\n" + out + "</g>\n";
+      return "<g fill=\"none\" stroke-width=\"" + number(shape.size) + '"' + colour(shape.ink, "stroke") + ">\n" +
+             svg_of(shape.rings, context) + "</g>\n";
+    case Kind::discs: return "<g" + colour(shape.ink, "fill") + ">\n" + svg_of(shape.rings, context) + "</g>\n";
     case Kind::text: break;
   }
   const Point2 at = shape.paths[0][0];
   const char* anchor = shape.anchor == Anchor::start ? "start" : shape.anchor == Anchor::middle ? "middle" : "end";
   // A capital is about 0.72 of the font's size high.
-  out = "<text x=\"" + number(at.x) + "\" y=\"" + number(at.y) + "\" font-size=\"" + number(shape.size / 0.72) +
-        "\" text-anchor=\"" + anchor + '"' + colour(shape.ink, "fill");
+  std::string out = "<text x=\"" + number(at.x) + "\" y=\"" + number(at.y) + "\" font-size=\"" +
+                    number(shape.size / 0.72) + "\" text-anchor=\"" + anchor + '"' + colour(shape.ink, "fill");
   if (shape.upwards) out += " transform=\"rotate(-90 " + number(at.x) + ' ' + number(at.y) + ")\"";
   return out + '>' + escaped(shape.words) + "</text>\n";
 }
@@ -298,11 +340,11 @@ void Drawing::add(const Drawing& other, double x, double y) {
   }
 }
 
-void paint(const Drawing& drawing, Image& image) {
-  for (const Drawing::Shape& shape : drawing.shapes()) paint(shape, image);
+void paint(const Drawing& drawing, Image& image, const Context& context) {
+  for (const Drawing::Shape& shape : drawing.shapes()) paint(shape, context, image);
 }
 
-std::string to_svg(const Drawing& drawing, std::string_view png) {
+std::string to_svg(const Drawing& drawing, std::string_view png, const Context& context) {
   const std::string width = std::to_string(drawing.width()), height = std::to_string(drawing.height());
   std::string out = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" + width + "\" height=\"" + height +
                     "\" viewBox=\"0 0 " + width + ' ' + height +
@@ -310,7 +352,7 @@ std::string to_svg(const Drawing& drawing, std::string_view png) {
   if (!png.empty())
     out += "<image width=\"" + width + "\" height=\"" + height +
            "\" style=\"image-rendering:pixelated\" href=\"data:image/png;base64," + base64(png) + "\"/>\n";
-  for (const Drawing::Shape& shape : drawing.shapes()) out += svg_of(shape);
+  for (const Drawing::Shape& shape : drawing.shapes()) out += svg_of(shape, context);
   return out + "</svg>\n";
 }
 

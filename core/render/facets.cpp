@@ -13,6 +13,11 @@
 namespace spherule {
 namespace {
 
+// In loops over all triangles.
+void look_up(std::size_t i, const Context& context) {
+  if (i % 65536 == 0) context.throw_if_cancelled();
+}
+
 class Facets final : public Tracer, private Primitives {
  public:
   Facets(std::span<const Vec3> vertices, std::span<const Triangle> triangles, bool smooth, const Context& context)
@@ -20,8 +25,8 @@ class Facets final : public Tracer, private Primitives {
     for (const Vec3 v : vertices) bounds_.include(v);
     if (!bounds_.empty()) lift_ = 1e-7 * norm(bounds_.max - bounds_.min);
     hierarchy_.emplace(static_cast<const Primitives&>(*this), context);
-    set_normals();
-    set_curvatures();
+    set_normals(context);
+    set_curvatures(context);
   }
 
   Box bounds() const override { return bounds_; }
@@ -122,9 +127,11 @@ class Facets final : public Tracer, private Primitives {
 
   // Of each vertex the mean of its triangles', weighted by area: marching cubes' slivers must not count as much as
   // their neighbours.
-  void set_normals() {
+  void set_normals(const Context& context) {
     normals_.resize(vertices_.size());
-    for (const Triangle& t : triangles_) {
+    for (std::size_t i = 0; i < triangles_.size(); ++i) {
+      look_up(i, context);
+      const Triangle& t = triangles_[i];
       const Vec3 n = cross(vertices_[t[1]] - vertices_[t[0]], vertices_[t[2]] - vertices_[t[0]]);
       for (const std::uint32_t v : t) normals_[v] = normals_[v] + n;
     }
@@ -136,10 +143,11 @@ class Facets final : public Tracer, private Primitives {
 
   // Half the divergence of the normals, which is even within a triangle; of each vertex the mean over its triangles,
   // weighted by area, and once more over its neighbours, since normals of a grid's surface are uneven.
-  void set_curvatures() {
+  void set_curvatures(const Context& context) {
     std::vector<double> weights(vertices_.size());
     std::vector<double> of_triangle(triangles_.size());
     for (std::size_t i = 0; i < triangles_.size(); ++i) {
+      look_up(i, context);
       const Triangle& t = triangles_[i];
       const Vec3 a = vertices_[t[0]], b = vertices_[t[1]], c = vertices_[t[2]], n = cross(b - a, c - a);
       const double squared = squared_norm(n);
@@ -152,6 +160,7 @@ class Facets final : public Tracer, private Primitives {
     for (int round = 0; round < 2; ++round) {
       curvatures_.assign(vertices_.size(), 0);
       for (std::size_t i = 0; i < triangles_.size(); ++i) {
+        look_up(i, context);
         const Triangle& t = triangles_[i];
         const double area = norm(cross(vertices_[t[1]] - vertices_[t[0]], vertices_[t[2]] - vertices_[t[0]]));
         for (const std::uint32_t v : t) curvatures_[v] += area * of_triangle[i];
@@ -159,6 +168,7 @@ class Facets final : public Tracer, private Primitives {
       for (std::size_t v = 0; v < curvatures_.size(); ++v)
         if (weights[v] > 0) curvatures_[v] /= weights[v];
       for (std::size_t i = 0; i < triangles_.size(); ++i) {
+        look_up(i, context);
         const Triangle& t = triangles_[i];
         of_triangle[i] = (curvatures_[t[0]] + curvatures_[t[1]] + curvatures_[t[2]]) / 3;
       }

@@ -5,6 +5,7 @@
 #include <array>
 
 #include "core/base/option_values.h"
+#include "core/base/ranges.h"
 
 namespace spherule {
 namespace {
@@ -112,7 +113,8 @@ std::vector<int> buckets_of(std::string_view name, std::string_view text) {
   for (const std::string_view part : split(text)) {
     const auto ends = split(part, '-');
     const auto first = number_in<int>(ends.front()), last = number_in<int>(ends.back());
-    if (ends.size() > 2 || !first || !last || *first < 0 || *last > 1023 || *first > *last)
+    if (ends.size() > 2 || !first || !last || !ranges::bucket.holds(*first) || !ranges::bucket.holds(*last) ||
+        *first > *last)
       refuse(name, "Give numbers of buckets and ranges of them, such as 0,3-5.");
     for (int b = *first; b <= *last; ++b) buckets.push_back(b);
   }

@@ -82,8 +82,8 @@ struct Cell {
 
 constexpr std::size_t kFewBalls = 24;
 constexpr int kMaxLevel = 11;
-// More patches than this cost more memory than they save time: about 150 bytes each, with the tracer's.
-constexpr std::size_t kMostPatches = 16'000'000;
+// More patches than this cost more memory than they save time: about 160 bytes each, with the tracer's.
+std::size_t most_patches(std::size_t balls) { return (std::size_t{1} << 18) + 16 * balls; }
 
 Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
 
@@ -161,10 +161,19 @@ void join_from(std::size_t first, std::vector<Patch>& patches) {
   patches.erase(out, patches.end());
 }
 
-// `most` is this cell's share of kMostPatches; once it is used up, what is left is not divided further.
+// Whether a cell's balls may be put into its eight children, each of which may hold them all.
+bool may_split(std::size_t balls, std::size_t most) { return balls > kFewBalls && 8 * balls <= most; }
+
+// Of `most`, the part of a cell with so many of all `total` balls.
+std::size_t share_of(std::size_t most, std::size_t balls, std::size_t total) {
+  return static_cast<std::size_t>(static_cast<double>(most) * static_cast<double>(balls) / static_cast<double>(total));
+}
+
+// Makes at most `most` patches, unless the cell has more balls than that. Children share `most` by their balls, so that
+// all of the surface is divided as finely: what can afford no more is left as it is.
 void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::size_t most, std::vector<Patch>& patches,
             const Context& context) {
-  if (cell.balls.size() <= kFewBalls || level >= kMaxLevel || patches.size() >= most) {
+  if (level >= kMaxLevel || !may_split(cell.balls.size(), most)) {
     for (const std::uint32_t i : cell.balls) {
       const Sphere& s = spheres[i];
       Box box;
@@ -178,7 +187,13 @@ void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::s
   }
   context.throw_if_cancelled();
   const std::size_t first = patches.size();
-  for (const Cell& child : split(spheres, cell)) refine(spheres, child, level + 1, most, patches, context);
+  const std::array<Cell, 8> children = split(spheres, cell);
+  std::size_t total = 0;
+  for (const Cell& child : children) total += child.balls.size();
+  for (const Cell& child : children) {
+    if (!child.balls.empty())
+      refine(spheres, child, level + 1, share_of(most, child.balls.size(), total), patches, context);
+  }
   join_from(first, patches);
 }
 
@@ -197,9 +212,11 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
 
   // The first levels breadth first, until there is enough work to share.
   constexpr std::size_t kEnoughCells = 512;
+  const std::size_t most = most_patches(root.balls.size());
+  std::size_t total = root.balls.size();
   std::vector<Cell> cells{std::move(root)};
   int level = 0;
-  while (cells.size() < kEnoughCells && level < 4 &&
+  while (cells.size() < kEnoughCells && level < 4 && may_split(total, most) &&
          std::ranges::any_of(cells, [](const Cell& c) { return c.balls.size() > kFewBalls; })) {
     std::vector<std::array<Cell, 8>> children(cells.size());
     parallel_for(context, {}, cells.size(), 1,
@@ -209,13 +226,12 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
       for (Cell& child : eight)
         if (!child.balls.empty()) cells.push_back(std::move(child));
     ++level;
+    total = 0;
+    for (const Cell& cell : cells) total += cell.balls.size();
   }
-  std::size_t total = 0;
-  for (const Cell& cell : cells) total += cell.balls.size();
   std::vector<std::vector<Patch>> pieces(cells.size());
   parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
-    const double share = static_cast<double>(cells[i].balls.size()) / static_cast<double>(total);
-    refine(spheres, cells[i], level, static_cast<std::size_t>(share * kMostPatches), pieces[i], context);
+    refine(spheres, cells[i], level, share_of(most, cells[i].balls.size(), total), pieces[i], context);
   });
   return joined(pieces);
 }

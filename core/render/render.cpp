@@ -6,6 +6,7 @@
 
 #include "core/base/check.h"
 #include "core/base/error.h"
+#include "core/base/ranges.h"
 #include "core/marching_cubes.h"
 #include "core/measure.h"
 #include "core/render/annotate.h"
@@ -17,38 +18,44 @@ namespace spherule {
 namespace {
 
 constexpr std::array<Colour, 2> kMaterials{Colour{0.90, 0.71, 0.50}, Colour{0.36, 0.58, 0.82}};
-constexpr int kMaxSide = 8192;
 
 }  // namespace
 
 void check_render_options(const RenderOptions& o) {
   std::vector<FieldError> fields;
-  const auto need = [&](bool good, const char* field, const char* detail) {
+  const auto need = [&](bool good, const char* field, const std::string& detail) {
     if (!good) fields.push_back({field, detail});
   };
-  need(o.width >= 1 && o.width <= kMaxSide, "width", "must be within 1 and 8192 pixels");
-  need(o.height >= 1 && o.height <= kMaxSide, "height", "must be within 1 and 8192 pixels");
-  need(o.samples_per_axis >= 1 && o.samples_per_axis <= 8, "samples", "must be within 1 and 8");
-  need(o.smoothness >= 0 && o.smoothness <= 4, "smoothness", "must be within 0 and 4");
-  need(o.point_radius_mm >= 0 && std::isfinite(o.point_radius_mm), "point_radius", "must be 0 or more mm");
-  need(o.min_radius_mm >= 0 && std::isfinite(o.min_radius_mm), "min_radius", "must be 0 or more mm");
+  const auto within = [&](const auto& range, auto value, const char* field, const char* unit = "") {
+    need(range.holds(value), field, "must be " + range.words() + unit);
+  };
+  within(ranges::pixels, o.width, "width", " pixels");
+  within(ranges::pixels, o.height, "height", " pixels");
+  within(ranges::samples, o.samples_per_axis, "samples");
+  within(ranges::smoothness, o.smoothness, "smoothness");
+  within(ranges::length_mm, o.point_radius_mm, "point_radius", " mm");
+  within(ranges::length_mm, o.min_radius_mm, "min_radius", " mm");
+  if (o.max_radius_mm) within(ranges::length_mm, *o.max_radius_mm, "max_radius", " mm");
   need(!o.max_radius_mm || *o.max_radius_mm >= o.min_radius_mm, "max_radius", "must be no less than min_radius");
-  need(o.bucket_count >= 1 && o.bucket_count <= 1024, "bucket_count", "must be within 1 and 1024");
+  within(ranges::bucket_count, o.bucket_count, "bucket_count");
   need(std::ranges::all_of(o.buckets, [&](int b) { return b >= 0 && b < o.bucket_count; }), "buckets",
        "must be numbers of buckets, from 0 to bucket_count - 1");
   need(!o.views.empty() && o.views.size() <= 6, "views", "must be one to six");
-  need(!o.clip_normal || (squared_norm(*o.clip_normal) > 0 && std::isfinite(squared_norm(*o.clip_normal))), "clip",
-       "must have a normal that is not zero");
-  need(!o.clip_offset_mm || std::isfinite(*o.clip_offset_mm), "clip", "must have a finite offset in mm");
-  need(o.turntable == 0 || (o.turntable >= 2 && o.turntable <= 360), "turntable", "must be within 2 and 360 frames");
-  need(o.opacity > 0 && o.opacity <= 1, "opacity", "must be above 0 and at most 1");
+  need(!o.clip_normal || is_direction(*o.clip_normal), "clip",
+       "must have a normal " + ranges::direction.words() + ", not all near zero");
+  need(!o.clip_offset_mm || ranges::place_mm.holds(*o.clip_offset_mm), "clip",
+       "must have an offset " + ranges::place_mm.words() + " mm");
+  need(o.turntable == 0 || (o.turntable >= 2 && o.turntable <= ranges::turntable.most), "turntable",
+       "must be within 2 and 360 frames");
+  within(ranges::opacity, o.opacity, "opacity");
   need(o.colour_map.empty() || colour_map(o.colour_map) != nullptr, "colour_map",
        "must be one of ember, lagoon, grey and tide");
-  need(!o.colour_range || ((*o.colour_range)[0] < (*o.colour_range)[1] && std::isfinite((*o.colour_range)[0]) &&
-                           std::isfinite((*o.colour_range)[1])),
-       "colour_range", "must be two numbers, the first below the second");
-  need(!o.colour_range || o.colour_by != ColourBy::contribution || (*o.colour_range)[0] > 0, "colour_range",
-       "must be above 0 where it is logarithmic");
+  if (o.colour_range) {
+    const auto [lo, hi] = *o.colour_range;
+    need(lo < hi && ranges::colour_range.holds(lo) && ranges::colour_range.holds(hi), "colour_range",
+         "must be two numbers " + ranges::colour_range.words() + ", the first below the second");
+    need(o.colour_by != ColourBy::contribution || lo > 0, "colour_range", "must be above 0 where it is logarithmic");
+  }
   if (!fields.empty())
     throw Error(ErrorCode::invalid_argument,
                 "The picture's " + fields.front().pointer + ' ' + fields.front().detail + '.', fields);
@@ -57,6 +64,15 @@ void check_render_options(const RenderOptions& o) {
 namespace {
 
 [[noreturn]] void unusable(const char* sentence) { throw Error(ErrorCode::unusable, sentence); }
+
+double median_radius(std::span<const Sphere> balls) {
+  std::vector<double> radii;
+  for (const Sphere& s : balls)
+    if (s.radius > 0) radii.push_back(s.radius);
+  const auto middle = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
+  std::nth_element(radii.begin(), middle, radii.end());
+  return *middle;
+}
 
 // Everything that is drawn of one subject, kept while rays ask for it.
 struct Drawn {
@@ -67,7 +83,23 @@ struct Drawn {
   std::vector<Vec3> vertices;
   std::vector<Triangle> triangles;
   bool of_balls = true;  // else of facets
+  double blend_mm = 0;   // of blobs; 0: they are balls
 };
+
+// Shorter blending is not seen: of the radius at which a picture's least pixel is a thousandth of a ball, and of the
+// scene, of which a picture shows no finer part. It is too short for the fields, too: they are computed to the ratio of
+// a radius to the blending distance, in units of 2⁻⁵³.
+constexpr double kLeastSmoothness = 1e-3, kLeastBlend = 0x1p-24;
+
+// The distance over which balls blend into each other.
+double blend_of(std::span<const Sphere> balls, double smoothness) {
+  if (smoothness < kLeastSmoothness) return 0;
+  Box box;
+  for (const Sphere& s : balls)
+    if (s.radius > 0) box.include(s);
+  const double blend = smoothness * median_radius(balls);
+  return blend >= kLeastBlend * norm(box.max - box.min) ? blend : 0;
+}
 
 // The model's balls that the filters leave; all of them as an empty list.
 std::vector<std::uint32_t> chosen(const SphereModel& model, const RenderOptions& o) {
@@ -87,15 +119,6 @@ std::vector<std::uint32_t> chosen(const SphereModel& model, const RenderOptions&
   return kept;
 }
 
-double median_radius(std::span<const Sphere> balls) {
-  std::vector<double> radii;
-  for (const Sphere& s : balls)
-    if (s.radius > 0) radii.push_back(s.radius);
-  const auto middle = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
-  std::nth_element(radii.begin(), middle, radii.end());
-  return *middle;
-}
-
 // Facets between a kept cell and anything else, anticlockwise as seen from outside.
 void take_facets(const Solid& solid, const std::vector<std::uint32_t>& kept, const Context& context, Drawn& drawn) {
   std::vector<Tetrahedron> cells;
@@ -108,7 +131,8 @@ void take_facets(const Solid& solid, const std::vector<std::uint32_t>& kept, con
   std::vector<std::uint32_t> name(solid.boundary.points.size(), no_primitive);
   // The facet opposite vertex i of a positive cell.
   constexpr std::array<std::array<std::size_t, 3>, 4> kFacets{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
-  for (std::size_t c = 0; c < cells.size(); ++c)
+  for (std::size_t c = 0; c < cells.size(); ++c) {
+    if (c % 65536 == 0) context.throw_if_cancelled();
     for (std::size_t i = 0; i < 4; ++i) {
       if (across[c][i] != no_cell) continue;
       Triangle triangle;
@@ -123,28 +147,30 @@ void take_facets(const Solid& solid, const std::vector<std::uint32_t>& kept, con
       drawn.triangles.push_back(triangle);
       drawn.source.push_back(kept.empty() ? static_cast<std::uint32_t>(c) : kept[c]);
     }
+  }
   // A left-handed grid mirrors the lattice.
   if (determinant(solid.boundary.lattice.grid.direction) < 0)
     for (Triangle& t : drawn.triangles) std::swap(t[1], t[2]);
   drawn.of_balls = false;
 }
 
+// Balls of one radius in place of points.
 void take_small_balls(const SphereModel& model, const RenderOptions& o, const std::vector<Vec3>& centres,
-                      Drawn& drawn) {
-  double radius = o.point_radius_mm;
-  if (radius <= 0) {
-    radius = 0.2 * median_radius(model.spheres);
-    if (model.solid) {
-      const Vec3 spacing = model.solid->boundary.lattice.grid.spacing;
-      radius = 0.3 * std::min({spacing.x, spacing.y, spacing.z});
-    }
+                      const Context& context, Drawn& drawn) {
+  double usual = 0.2 * median_radius(model.spheres);
+  if (model.solid) {
+    const Vec3 spacing = model.solid->boundary.lattice.grid.spacing;
+    usual = 0.3 * std::min({spacing.x, spacing.y, spacing.z});
   }
-  for (const Vec3 c : centres) {
-    drawn.patches.push_back({{}, static_cast<std::uint32_t>(drawn.own.size())});
-    drawn.own.push_back({c, radius});
-    drawn.patches.back().box.include(drawn.own.back());
-  }
+  const double radius = o.point_radius_mm > 0 ? o.point_radius_mm : usual;
+  for (const Vec3 c : centres) drawn.own.push_back({c, radius});
   drawn.balls = drawn.own;
+  // Larger ones may all lie in each other, and a ray must not try them all.
+  if (radius > usual) {
+    drawn.patches = visible_patches({.spheres = drawn.own, .solid = {}}, context);
+    return;
+  }
+  for (std::uint32_t i = 0; i < drawn.own.size(); ++i) drawn.patches.push_back({box_of(drawn.own[i]), i});
 }
 
 const Solid& solid_of(const SphereModel& model, const char* what) {
@@ -168,7 +194,8 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
         for (const std::uint32_t i : drawn.source) part.spheres.push_back(model.spheres[i]);
       }
       const SphereModel& shown = drawn.source.empty() ? model : part;
-      if (o.style == Style::spheres || o.smoothness == 0) drawn.patches = visible_patches(shown, context);
+      if (o.style == Style::blobs) drawn.blend_mm = blend_of(shown.spheres, o.smoothness);
+      if (drawn.blend_mm == 0) drawn.patches = visible_patches(shown, context);
       if (!drawn.source.empty()) {
         drawn.own = std::move(part.spheres);
         drawn.balls = drawn.own;
@@ -186,7 +213,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
       const BoundaryPoints& boundary = solid_of(model, "boundary points").boundary;
       std::vector<Vec3> points;
       for (const LatticePoint& p : boundary.points) points.push_back(boundary.lattice.to_patient(p));
-      take_small_balls(model, o, points, drawn);
+      take_small_balls(model, o, points, context, drawn);
       break;
     }
     case Style::centres: {
@@ -197,7 +224,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
           if (model.spheres[i].radius > 0) drawn.source.push_back(i);
       }
       for (const std::uint32_t i : drawn.source) centres.push_back(model.spheres[i].centre);
-      take_small_balls(model, o, centres, drawn);
+      take_small_balls(model, o, centres, context, drawn);
       break;
     }
   }
@@ -209,8 +236,7 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
 std::unique_ptr<const Tracer> tracer_of(const Drawn& drawn, const RenderOptions& o,
                                         const std::optional<HalfSpace>& clip, const Context& context) {
   if (!drawn.of_balls) return trace_facets(drawn.vertices, drawn.triangles, o.style == Style::surface, context);
-  if (o.style == Style::blobs && o.smoothness > 0)
-    return trace_blobs(drawn.balls, o.smoothness * median_radius(drawn.balls), context);
+  if (drawn.blend_mm > 0) return trace_blobs(drawn.balls, drawn.blend_mm, context);
   return trace_balls(drawn.balls, drawn.patches, clip, context);
 }
 
@@ -240,7 +266,7 @@ std::vector<double> numbers_of(const Subject& subject, const Drawn& drawn, const
       break;
     case ColourBy::component:
       if (o.style == Style::surface) {
-        for (const std::uint32_t c : pieces(drawn.vertices.size(), drawn.triangles)) all.push_back(c);
+        for (const std::uint32_t c : pieces(drawn.vertices.size(), drawn.triangles, context)) all.push_back(c);
         return all;
       }
       if (o.style == Style::points) {
@@ -345,6 +371,18 @@ void refuse_cameras_inside(std::span<const Camera> cameras, const std::optional<
   }
 }
 
+// A picture needs places that float64 tells apart: 2⁸ of them across the object, wherever it is. The largest object
+// drawn is one of 1e9 mm by the largest scale of a registration, the least half a radius that is imported.
+void require_drawable(const Box& box) {
+  const double size = norm(box.max - box.min);
+  double farthest = 0;
+  for (int a = 0; a < 3; ++a) farthest = std::max({farthest, std::abs(box.min[a]), std::abs(box.max[a])});
+  if (!(size <= 1e20)) unusable("The object is larger than 1e20 mm, which cannot be drawn; scale it down.");
+  if (!(size >= 1e-20)) unusable("The object is smaller than 1e-20 mm, which cannot be drawn; scale it up.");
+  if (!(size >= 0x1p-44 * farthest))
+    unusable("The object is too small for its distance from the origin to be drawn; move it nearer to the origin.");
+}
+
 // Where panels lie in a picture; the legend has a strip at its right.
 struct Sheet {
   int columns = 1, rows = 1;
@@ -385,6 +423,7 @@ std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions
     for (const Sphere& s : subject.model->spheres)
       if (s.radius > 0) box.include(s);
   if (box.empty()) unusable("The model has no sphere with a radius above 0, so there is nothing to draw.");
+  require_drawable(box);
   const std::vector<View> views = o.camera.viewpoint ? std::vector<View>{View::anterior} : o.views;
   const int frames = std::max(1, o.turntable);
   // A camera that makes no sense is refused before any work.
@@ -446,13 +485,13 @@ std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions
         if (views.size() > 1 && row == 0) notes.caption(name_of(views[view]));
         if (o.scale_bar) notes.scale_bar(camera);
         if (o.orientation_marker) notes.orientation(camera);
-        paint(notes.drawing(), panel);
+        paint(notes.drawing(), panel, quiet);
         place(panel, column * sheet.panel_width, row * o.height, image);
       }
     if (sheet.strip > 0) {
       Notes notes(sheet.columns * o.width, o.height, o.background);
       notes.legend(*legend);
-      paint(notes.drawing(), image);
+      paint(notes.drawing(), image, quiet);
     }
     images.push_back(std::move(image));
   }

@@ -54,7 +54,8 @@ struct RenderOptions {
   Background background = Background::transparent;
 
   Style style = Style::spheres;
-  /// Of blobs: the distance over which balls blend into each other, in medians of the balls' radii; 0 … 4. 0: spheres.
+  /// Of blobs: the distance over which balls blend into each other, in medians of the balls' radii; 0 … 4. Below 1e-3,
+  /// and where that is less than 2^-24 of the object: spheres.
   double smoothness = 0.5;
   double point_radius_mm = 0;             ///< of points and centres; 0: one that suits the model
   double min_radius_mm = 0;               ///< balls below it are left out (of tetrahedra: cells of such balls)
@@ -97,10 +98,12 @@ struct Subject {
 /// whatever is left out or drawn in their place, so that pictures of one model compare. The same bytes for every thread
 /// count. Only the exposed part of each ball is traced (patches.h), so raw models of millions of balls cost little more
 /// than a few. Memory beside the models and the pictures: about 160 bytes a patch (280 MiB for the 1.8 million patches
-/// of a head's 3.25 million balls, by bench_render), and a few MiB for each thread. Throws invalid_argument for options
-/// outside their ranges, with field errors; unusable when there is nothing to draw, when a model lacks what the style
-/// or the colours need, or when a perspective camera stands inside. Reports stage "render"; cancelled within tens of
-/// ms.
+/// of a head's 3.25 million balls, by bench_render), of which models that are no tetrahedra have at most 2^18 + 16 a
+/// ball; 64 bytes a ball that is drawn; 8 bytes a pixel of a panel; and a few MiB for each thread. Throws
+/// invalid_argument for options outside their ranges, with field errors; unusable when there is nothing to draw, when a
+/// model lacks what the style or the colours need or is too small for its distance from the origin, or when a
+/// perspective camera stands inside.
+/// Reports stage "render"; cancelled within tens of ms.
 std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& options = {},
                           const Context& context = {});
 

@@ -130,6 +130,8 @@ struct Studio {
   std::vector<std::uint8_t> closely = pixels_with_specks(scene, camera, exposure);  // or empty: none
   const ByteCurve& exposed = exposure_curve();
   double box_left = 0, box_top = 0, box_right = 0, box_bottom = 0;  // pixels beyond show nothing
+  Vec3 middle{};                                                    // of a ball that holds all bodies, LPS mm
+  double reach = 0;                                                 // its radius
 };
 
 // A place of the picture, in pixels from its upper left corner.
@@ -141,7 +143,7 @@ struct Spot {
 struct Sight {
   Place place;
   Colour base;             // what part of the light it reflects
-  double depth = 0;        // mm along the line
+  double depth = 0;        // mm along the line, from where its ray starts
   std::uint32_t spot = 0;  // whose line it is
   bool cut = false;        // on the clipping plane
 };
@@ -205,26 +207,31 @@ class Tile {
       for (int x = left_; x < right_; ++x) std::ranges::copy(ground(y), image.at(x, y));
   }
 
-  // The part of a sight line that is in the clipping half-space.
+  // The part of a sight line that is near the bodies and in the clipping half-space.
   struct SightLine {
     Ray ray;
-    bool whole = true;  // starts at the viewer, not on the clipping plane
+    bool whole = true;  // does not start on the clipping plane
   };
+  // Rays start at the edge of a ball around the bodies, however far the viewer is: whoever walks along them has numbers
+  // of the bodies' own size, in which small steps are not lost.
   SightLine sight_line(const Spot& spot) const {
     const auto [origin, direction] =
         camera_.line_of_sight(spot.x - 0.5 * exposure_.width, spot.y - 0.5 * exposure_.height);
-    SightLine line{{origin, direction}};
-    if (!scene_.clip) return line;
-    const double height = dot(scene_.clip->normal, origin) - scene_.clip->offset;
-    const double slope = dot(scene_.clip->normal, direction);
-    if (height > 0 && slope < 0) {
-      line.ray.origin = origin - height / slope * direction;
-      line.whole = false;
-    } else if (height > 0) {
-      line.ray.far = -1;
-    } else if (slope > 0) {
-      line.ray.far = -height / slope;
+    const Vec3 v = origin - studio_.middle;
+    const double nearest = -dot(v, direction);
+    const double squared = studio_.reach * studio_.reach - squared_norm(v + nearest * direction);
+    const double half = std::sqrt(std::max(0.0, squared));
+    double begin = std::max(0.0, nearest - half), end = squared >= 0 ? nearest + half : -1;
+    SightLine line;
+    if (scene_.clip) {
+      const double height = dot(scene_.clip->normal, origin) - scene_.clip->offset;
+      const double slope = dot(scene_.clip->normal, direction);
+      const double plane = -height / slope;
+      if (slope < 0 && plane > begin) begin = plane, line.whole = false;
+      if (slope > 0) end = std::min(end, plane);
+      if (slope == 0 && height > 0) end = -1;
     }
+    line.ray = {origin + begin * direction, direction, begin <= end ? end - begin : -1};
     return line;
   }
 
@@ -240,20 +247,21 @@ class Tile {
   void see(std::span<const Spot> spots, Views& views) const {
     constexpr std::size_t kRays = kBlock * kBlock;
     std::array<Ray, kRays> rays;
-    std::array<bool, kRays> whole;
+    std::array<SightLine, kRays> lines;
     std::array<Hit, kRays> hits;
     for (Sights& sights : views) sights.met.clear(), sights.of_spot.assign(spots.size(), -1);
     for (std::size_t begin = 0; begin < spots.size(); begin += kRays) {
       const std::size_t count = std::min(kRays, spots.size() - begin);
       for (std::size_t i = 0; i < count; ++i) {
-        const SightLine line = sight_line(spots[begin + i]);
-        rays[i] = line.ray, whole[i] = line.whole;
+        lines[i] = sight_line(spots[begin + i]);
+        rays[i] = lines[i].ray;
       }
+      studio_.context.throw_if_cancelled();
       for (std::size_t b = 0; b < scene_.bodies.size(); ++b) {
         const Body& body = scene_.bodies[b];
         body.tracer->first_hits({rays.data(), count}, {hits.data(), count});
         for (std::size_t i = 0; i < count; ++i) {
-          const bool cut = !whole[i] && body.tracer->inside(rays[i].origin);
+          const bool cut = !lines[i].whole && rays[i].far >= 0 && body.tracer->inside(rays[i].origin);
           if (!cut && !hits[i]) continue;
           views[b].of_spot[begin + i] = static_cast<std::int32_t>(views[b].met.size());
           Sight& sight = views[b].met.emplace_back();
@@ -284,11 +292,15 @@ class Tile {
   void let_through(bool alike) {
     open_.assign(rays_.size(), 1);
     blocked_.resize(rays_.size());
-    for (const Body& body : scene_.bodies) {
-      body.tracer->blocked(rays_, blocked_, alike);
-      for (std::size_t i = 0; i < rays_.size(); ++i)
-        if (blocked_[i] != 0) open_[i] *= 1 - body.opacity;
-    }
+    constexpr std::size_t kRays = 256;  // between looks at whether to go on
+    for (const Body& body : scene_.bodies)
+      for (std::size_t begin = 0; begin < rays_.size(); begin += kRays) {
+        const std::size_t count = std::min(kRays, rays_.size() - begin);
+        studio_.context.throw_if_cancelled();
+        body.tracer->blocked(std::span(rays_).subspan(begin, count), std::span(blocked_).subspan(begin, count), alike);
+        for (std::size_t i = begin; i < begin + count; ++i)
+          if (blocked_[i] != 0) open_[i] *= 1 - body.opacity;
+      }
   }
 
   // The middles of the tile's pixels, in blocks.
@@ -544,10 +556,18 @@ Image backdrop(int width, int height, Background background) {
 
 namespace {
 
-// Sets the part of the picture in which bodies may be seen.
+// Sets the part of the picture in which bodies may be seen, and where they are.
 void frame_bodies(Studio& studio) {
   const double infinity = std::numeric_limits<double>::infinity();
   studio.box_left = studio.box_top = infinity, studio.box_right = studio.box_bottom = -infinity;
+  Box all;
+  for (const Body& body : studio.scene.bodies) {
+    const Box box = body.tracer->bounds();
+    if (!box.empty()) all.include(box.min), all.include(box.max);
+  }
+  if (all.empty()) return;
+  studio.middle = 0.5 * (all.min + all.max);
+  studio.reach = 0.51 * norm(all.max - all.min);
   for (const Body& body : studio.scene.bodies) {
     const Box box = body.tracer->bounds();
     for (int corner = 0; corner < 8 && !box.empty(); ++corner) {

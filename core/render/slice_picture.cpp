@@ -7,13 +7,13 @@
 #include <span>
 
 #include "core/base/parallel.h"
+#include "core/base/ranges.h"
 #include "core/render/font.h"
 #include "core/render/ticks.h"
 
 namespace spherule {
 namespace {
 
-constexpr int kMaxSide = 8192;
 constexpr Ink kGround{13, 15, 18}, kPaper{255, 255, 255};
 constexpr Ink kLight{232, 234, 238}, kDark{38, 42, 51};
 
@@ -25,19 +25,19 @@ constexpr Ink kContour{255, 186, 43}, kPoints{240, 84, 60}, kTriangles{104, 170,
 
 void check_slice_options(const SliceOptions& o) {
   std::vector<FieldError> fields;
-  const auto need = [&](bool good, const char* field, const char* detail) {
-    if (!good) fields.push_back({field, detail});
+  const auto need = [&](bool good, const char* field, const std::string& detail) {
+    if (!good) fields.push_back({field, "must be " + detail});
   };
-  need(o.width >= 1 && o.width <= kMaxSide, "width", "must be within 1 and 8192 pixels");
-  need(o.height >= 1 && o.height <= kMaxSide, "height", "must be within 1 and 8192 pixels");
-  need(!o.window || (o.window->width > 0 && std::isfinite(o.window->width)), "window", "must be a width above 0");
-  need(!o.window || std::isfinite(o.window->level), "level", "must be a number");
+  need(ranges::pixels.holds(o.width), "width", ranges::pixels.words() + " pixels");
+  need(ranges::pixels.holds(o.height), "height", ranges::pixels.words() + " pixels");
+  need(!o.window || ranges::window.holds(o.window->width), "window", "a width " + ranges::window.words());
+  need(!o.window || ranges::value.holds(o.window->level), "level", ranges::value.words());
   if (o.region) {
     const auto& [x0, y0, x1, y1] = *o.region;
     // A thousandth of a sample: less would be all rounding.
     need(x1 - x0 >= 1e-3 && y1 - y0 >= 1e-3 &&
-             std::ranges::all_of(*o.region, [](double v) { return std::abs(v) < 1e6; }),
-         "region", "must be x0,y0,x1,y1 in samples with x0 below x1 and y0 below y1");
+             std::ranges::all_of(*o.region, [](double v) { return ranges::region.holds(v); }),
+         "region", "x0,y0,x1,y1 in samples " + ranges::region.words() + ", with x0 below x1 and y0 below y1");
   }
   if (!fields.empty())
     throw Error(ErrorCode::invalid_argument,
@@ -204,21 +204,21 @@ void draw_values(const Volume& slice, const Frame& frame, const Window& window, 
   const int top = std::max(0, static_cast<int>(frame.top)),
             bottom = std::min(image.height, static_cast<int>(frame.bottom));
   if (bottom <= top) return;
-  parallel_for(context, "slice", static_cast<std::size_t>(bottom - top), 8, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, "slice", static_cast<std::size_t>(bottom - top), 1, [&](std::size_t begin, std::size_t end) {
     for (int y = top + static_cast<int>(begin); y < top + static_cast<int>(end); ++y)
       for (int x = left; x < right; ++x) {
-        double sum = 0;
+        double sum = 0;  // of 1/128 of each: up to 64 of the largest numbers have a sum
         int count = 0;
         for (int row = 0; row < n; ++row)
           for (int column = 0; column < n; ++column) {
             const auto [u, v] = frame.sample({x + (column + 0.5) / n, y + (row + 0.5) / n});
             const double value = smooth ? values.smooth(u, v) : values.nearest(u, v);
             if (!std::isfinite(value)) continue;
-            sum += value;
+            sum += value / 128;
             ++count;
           }
         if (count == 0) continue;
-        const double grey = std::clamp((sum / count - window.level) / window.width + 0.5, 0.0, 1.0);
+        const double grey = std::clamp((128 * (sum / count) - window.level) / window.width + 0.5, 0.0, 1.0);
         std::fill_n(image.at(x, y), 3, static_cast<std::uint8_t>(std::lround(255 * grey)));
       }
   });
@@ -361,10 +361,11 @@ SlicePicture draw_slice(const Volume& slice, int axis, std::int32_t index, const
   const Frame frame(slice.grid, o, notes ? 2.6 * size : 0);
   SlicePicture picture{blank_image(o.width, o.height), Drawing(o.width, o.height)};
   const Ink ground = o.image ? kGround : kPaper;
-  for (std::size_t p = 0; p < picture.image.rgba.size(); p += 4) {
-    picture.image.rgba[p] = ground.red, picture.image.rgba[p + 1] = ground.green,
-    picture.image.rgba[p + 2] = ground.blue;
-    picture.image.rgba[p + 3] = 255;
+  for (int y = 0; y < o.height; ++y) {
+    context.throw_if_cancelled();
+    for (int x = 0; x < o.width; ++x)
+      std::ranges::copy(std::array<std::uint8_t, 4>{ground.red, ground.green, ground.blue, 255},
+                        picture.image.at(x, y));
   }
   if (o.image) draw_values(slice, frame, window, o.smooth, context, picture.image);
   if (model != nullptr) {

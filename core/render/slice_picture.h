@@ -28,8 +28,8 @@ enum class Overlay : std::uint8_t {
 
 /// Of radiology: values from level - width/2 (black) to level + width/2 (white).
 struct Window {
-  double width = 1;  ///< above 0
-  double level = 0;
+  double width = 1;  ///< within ranges::window (base/ranges.h)
+  double level = 0;  ///< within ranges::value
   bool operator==(const Window&) const = default;
 };
 

@@ -19,7 +19,10 @@ std::vector<double> ticks(double lo, double hi, int most) {
   if (!(hi > lo) || !std::isfinite(hi - lo)) return {lo};
   const double step = round_step((hi - lo) / std::max(1, most));
   std::vector<double> all;
-  for (double i = std::ceil(lo / step - 1e-9); i <= hi / step + 1e-9; ++i) all.push_back(i * step + 0.0);
+  // Counted, since far from 0 the next multiple may be no other number.
+  const double first = std::ceil(lo / step - 1e-9);
+  for (int i = 0; i <= most && first + i <= hi / step + 1e-9; ++i) all.push_back((first + i) * step + 0.0);
+  all.erase(std::ranges::unique(all).begin(), all.end());
   return all;
 }
 

@@ -26,24 +26,36 @@ struct SceneDeleter {
 using Device = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceDeleter>;
 using Scene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
 
+// Which lanes Embree looks at: -1, or 0.
+struct Switches {
+  alignas(64) std::array<int, Lanes::most> valid{};
+};
+
 // Embree hands its context back to the callbacks; what follows it in memory is ours.
 struct Query {
   RTCIntersectContext context;
   Lanes* lanes;
   std::array<double, Lanes::most> skipped;  // mm of each ray that Embree does not see
-  std::size_t lane = 0;                     // of a ray that travels alone
 };
 
 // The smallest float that is not below it, or a little more.
 float not_less(double distance) { return static_cast<float>(distance) * (1 + 0x1p-22F) + 0x1p-126F; }
 
+// Of a ball with no radius, all that Embree sees is its centre; the same for what is too small to be scaled.
+constexpr double kLeastRadius = 0x1p-960;
+// In Embree's numbers: beyond any place in the scene, from any place at its edge.
+constexpr double kBeyond = 8;
+
 }  // namespace
 
+// Embree's numbers are relative to the scene's centre, in about the scene's radius (a power of two, so that nothing is
+// rounded): there single precision is finest, and no square of a length can be too large or too small for it.
 struct Hierarchy::State {
   const Primitives& primitives;
-  Vec3 centre;        // Embree's coordinates are relative to it, where single precision is finest
-  double radius = 0;  // of a ball that holds all boxes
-  double slack = 0;   // by which boxes grow: more than single precision can lose on the way of a ray through the scene
+  Vec3 centre;
+  double radius = 0;  // mm, of a ball that holds all boxes
+  double scale = 1;   // from mm; makes `radius` a half to 1
+  double slack = 0;   // mm by which boxes grow: more than single precision can lose on a ray's way through the scene
   Device device;
   Scene scene;
 
@@ -51,43 +63,45 @@ struct Hierarchy::State {
     const auto& state = *static_cast<const State*>(arguments->geometryUserPtr);
     const Box box = state.primitives.box(arguments->primID);
     const Vec3 grow{state.slack, state.slack, state.slack};
-    const Vec3 min = box.min - state.centre - grow, max = box.max - state.centre + grow;
+    const Vec3 min = state.scale * (box.min - state.centre - grow), max = state.scale * (box.max - state.centre + grow);
     *arguments->bounds_o = {static_cast<float>(min.x), static_cast<float>(min.y), static_cast<float>(min.z), 0,
                             static_cast<float>(max.x), static_cast<float>(max.y), static_cast<float>(max.z), 0};
   }
 
-  // Lets the primitive meet the valid rays; calls met(query, k, lane) for the rays that it stops.
+  // Lets the primitive meet the valid rays; calls met(query, k, lane) for the rays that it stops. Embree shows as many
+  // rays at a time as suit the processor, whatever it was given: each knows its lane as its id.
   template <typename Arguments, typename Met>
-  static void meet(const Arguments& arguments, Met met) {
+  static void meet(const Arguments& arguments, RTCRayN* rays, Met met) {
     auto& query = *reinterpret_cast<Query*>(arguments.context);
     const auto& state = *static_cast<const State*>(arguments.geometryUserPtr);
-    if (arguments.N == 1) {
-      if (arguments.valid[0] == 0) return;
-      // One lane, whichever it is: the mask is read at its own index.
-      std::array<int, Lanes::most> valid;
-      valid[query.lane] = -1;
-      if (state.primitives.meet(arguments.primID, *query.lanes, valid.data(), query.lane, query.lane + 1) != 0)
-        met(query, 0U, query.lane);
-      return;
+    alignas(64) std::array<int, Lanes::most> valid{};
+    std::array<unsigned, Lanes::most> shown;
+    std::size_t begin = Lanes::most, end = 0;
+    for (unsigned k = 0; k < arguments.N; ++k) {
+      if (arguments.valid[k] == 0) continue;
+      const std::size_t lane = RTCRayN_id(rays, arguments.N, k);
+      valid[lane] = -1, shown[lane] = k;
+      begin = std::min(begin, lane), end = std::max(end, lane + 1);
     }
-    std::uint32_t lanes = state.primitives.meet(arguments.primID, *query.lanes, arguments.valid, 0, arguments.N);
+    std::uint32_t lanes = state.primitives.meet(arguments.primID, *query.lanes, valid.data(), begin, end);
     for (; lanes != 0; lanes &= lanes - 1) {
-      const auto k = static_cast<unsigned>(std::countr_zero(lanes));
-      met(query, k, k);
+      const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
+      met(query, shown[lane], lane);
     }
   }
 
   static void intersect(const RTCIntersectFunctionNArguments* arguments) {
-    meet(*arguments, [&](const Query& query, unsigned k, std::size_t lane) {
-      RTCRayN* ray = RTCRayHitN_RayN(arguments->rayhit, arguments->N);
-      RTCHitN* hit = RTCRayHitN_HitN(arguments->rayhit, arguments->N);
-      RTCRayN_tfar(ray, arguments->N, k) = not_less(query.lanes->far[lane] - query.skipped[lane]);
-      RTCHitN_geomID(hit, arguments->N, k) = arguments->geomID;
-      RTCHitN_primID(hit, arguments->N, k) = arguments->primID;
+    RTCRayN* rays = RTCRayHitN_RayN(arguments->rayhit, arguments->N);
+    RTCHitN* hits = RTCRayHitN_HitN(arguments->rayhit, arguments->N);
+    const auto& state = *static_cast<const State*>(arguments->geometryUserPtr);
+    meet(*arguments, rays, [&](const Query& query, unsigned k, std::size_t lane) {
+      RTCRayN_tfar(rays, arguments->N, k) = not_less(state.scale * (query.lanes->far[lane] - query.skipped[lane]));
+      RTCHitN_geomID(hits, arguments->N, k) = arguments->geomID;
+      RTCHitN_primID(hits, arguments->N, k) = arguments->primID;
     });
   }
   static void occluded(const RTCOccludedFunctionNArguments* arguments) {
-    meet(*arguments,
+    meet(*arguments, arguments->ray,
          [&](const Query&, unsigned k, std::size_t) { RTCRayN_tfar(arguments->ray, arguments->N, k) = -kInfinity; });
   }
 
@@ -95,31 +109,39 @@ struct Hierarchy::State {
     return !static_cast<const Context*>(context)->cancel.stop_requested();
   }
 
-  // Puts the rays into Embree's numbers. Rays from afar start at the scene's edge, where single precision still tells
-  // places apart.
-  void prepare(Query& query, RTCRay16& rays) const {
+  // Puts the first `count` rays into Embree's numbers, and says which of them come near the scene: no other is shown to
+  // Embree. So every coordinate is at most 3, whatever the rays are. Rays from afar start at the scene's edge.
+  Switches prepare(std::size_t count, Query& query, RTCRay16& rays) const {
     const Lanes& l = *query.lanes;
+    const double edge = 1.01 * radius;
+    Switches on;
     for (std::size_t i = 0; i < Lanes::most; ++i) {
       const double x = l.ox[i] - centre.x, y = l.oy[i] - centre.y, z = l.oz[i] - centre.z;
-      const double nearing = -(x * l.dx[i] + y * l.dy[i] + z * l.dz[i]) - 1.01 * radius;
-      const double skip = nearing > 0 ? nearing : 0;
+      const double along = x * l.dx[i] + y * l.dy[i] + z * l.dz[i], nearing = -along - edge;
+      const double skip = nearing > 0 ? nearing : 0, now = along + skip;
+      const double ax = x - along * l.dx[i], ay = y - along * l.dy[i], az = z - along * l.dz[i];
+      const bool near = ax * ax + ay * ay + az * az <= edge * edge && now <= edge && l.far[i] >= skip;
       query.skipped[i] = skip;
-      rays.org_x[i] = static_cast<float>(x + skip * l.dx[i]);
-      rays.org_y[i] = static_cast<float>(y + skip * l.dy[i]);
-      rays.org_z[i] = static_cast<float>(z + skip * l.dz[i]);
-      rays.dir_x[i] = static_cast<float>(l.dx[i]);
-      rays.dir_y[i] = static_cast<float>(l.dy[i]);
-      rays.dir_z[i] = static_cast<float>(l.dz[i]);
-      rays.tfar[i] = not_less(l.far[i] - skip);
+      on.valid[i] = near && i < count ? -1 : 0;
+      // Some of Embree's ways through the scene go by the mask, others by rays that end before they start.
+      rays.org_x[i] = near ? static_cast<float>(scale * (ax + now * l.dx[i])) : 0;
+      rays.org_y[i] = near ? static_cast<float>(scale * (ay + now * l.dy[i])) : 0;
+      rays.org_z[i] = near ? static_cast<float>(scale * (az + now * l.dz[i])) : 0;
+      rays.dir_x[i] = near ? static_cast<float>(l.dx[i]) : 1;
+      rays.dir_y[i] = near ? static_cast<float>(l.dy[i]) : 0;
+      rays.dir_z[i] = near ? static_cast<float>(l.dz[i]) : 0;
+      rays.tfar[i] = on.valid[i] != 0 ? not_less(std::min(kBeyond, scale * (l.far[i] - skip))) : -1;
       rays.tnear[i] = rays.time[i] = 0;
       rays.mask[i] = ~0U;
-      rays.id[i] = rays.flags[i] = 0;
+      rays.id[i] = static_cast<unsigned>(i);
+      rays.flags[i] = 0;
     }
+    return on;
   }
 };
 
 Hierarchy::Hierarchy(const Primitives& primitives, const Context& context)
-    : state_(std::make_unique<State>(State{primitives, {}, 0, 0, nullptr, nullptr})) {
+    : state_(std::make_unique<State>(State{primitives, {}, 0, 1, 0, nullptr, nullptr})) {
   State& s = *state_;
   const std::size_t count = primitives.size();
   SPHERULE_CHECK(count < std::numeric_limits<std::uint32_t>::max());
@@ -131,7 +153,9 @@ Hierarchy::Hierarchy(const Primitives& primitives, const Context& context)
   if (count > 0) {
     s.centre = 0.5 * (all.min + all.max);
     const Vec3 extent = all.max - all.min;
-    s.radius = 0.5 * norm(extent);
+    s.radius = 0.5 * std::hypot(extent.x, extent.y, extent.z);
+    SPHERULE_CHECK(std::isfinite(s.radius));  // render() refuses what is larger
+    if (s.radius > kLeastRadius) s.scale = std::ldexp(1.0, -std::ilogb(s.radius) - 1);
     s.slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
   }
   s.device.reset(rtcNewDevice(("threads=" + std::to_string(std::max(1U, context.threads))).c_str()));
@@ -165,13 +189,9 @@ RTCRay alone(const RTCRay16& rays, std::size_t lane) {
   ray.dir_x = rays.dir_x[lane], ray.dir_y = rays.dir_y[lane], ray.dir_z = rays.dir_z[lane];
   ray.tfar = rays.tfar[lane];
   ray.mask = ~0U;
+  ray.id = static_cast<unsigned>(lane);
   return ray;
 }
-
-struct Switches {
-  alignas(64) std::array<int, Lanes::most> valid{};
-  explicit Switches(std::size_t count) { std::fill_n(valid.begin(), count, -1); }
-};
 
 }  // namespace
 
@@ -180,17 +200,17 @@ void Hierarchy::nearest(Lanes& lanes, std::size_t count, bool alike) const {
   rtcInitIntersectContext(&query.context);
   query.lanes = &lanes;
   RTCRayHit16 packet;
-  state_->prepare(query, packet.ray);
+  const Switches on = state_->prepare(count, query, packet.ray);
   if (alike && count > 1) {
     query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     std::fill_n(packet.hit.geomID, Lanes::most, RTC_INVALID_GEOMETRY_ID);
-    const Switches on(count);
     rtcIntersect16(on.valid.data(), state_->scene.get(), &query.context, &packet);
     return;
   }
-  for (query.lane = 0; query.lane < count; ++query.lane) {
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    if (on.valid[lane] == 0) continue;
     RTCRayHit hit{};
-    hit.ray = alone(packet.ray, query.lane);
+    hit.ray = alone(packet.ray, lane);
     hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     rtcIntersect1(state_->scene.get(), &query.context, &hit);
   }
@@ -201,15 +221,15 @@ void Hierarchy::any(Lanes& lanes, std::size_t count, bool alike) const {
   rtcInitIntersectContext(&query.context);
   query.lanes = &lanes;
   RTCRay16 packet;
-  state_->prepare(query, packet);
+  const Switches on = state_->prepare(count, query, packet);
   if (alike && count > 1) {
     query.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    const Switches on(count);
     rtcOccluded16(on.valid.data(), state_->scene.get(), &query.context, &packet);
     return;
   }
-  for (query.lane = 0; query.lane < count; ++query.lane) {
-    RTCRay ray = alone(packet, query.lane);
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    if (on.valid[lane] == 0) continue;
+    RTCRay ray = alone(packet, lane);
     rtcOccluded1(state_->scene.get(), &query.context, &ray);
   }
 }

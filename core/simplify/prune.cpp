@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/base/ranges.h"
 #include "core/simplify/levels.h"
 #include "core/simplify/represent.h"
 
@@ -19,8 +20,8 @@ void require_one_rule(const PruneOptions& options) {
     throw Error(ErrorCode::invalid_argument, sentence, {{field, sentence}});
   };
   if (rules != 1) refuse("", "Give exactly one of least_radius_mm, buckets, volume_share and k to prune by.");
-  if (options.least_radius_mm && !(*options.least_radius_mm >= 0 && std::isfinite(*options.least_radius_mm))) {
-    refuse("/least_radius_mm", "Give least_radius_mm as a length in millimetres, 0 or more.");
+  if (options.least_radius_mm && !ranges::length_mm.holds(*options.least_radius_mm)) {
+    refuse("/least_radius_mm", "Give least_radius_mm as a length within 0 and 1e9 mm.");
   }
   if (options.volume_share && !(*options.volume_share > 0 && *options.volume_share <= 1)) {
     refuse("/volume_share", "Give volume_share as a number above 0 and at most 1.");

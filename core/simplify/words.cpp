@@ -123,9 +123,11 @@ class Given {
     }
     if (errors_.empty()) return;
     std::string sentence = "Correct ";
-    for (std::size_t i = 0; i < errors_.size(); ++i) {
+    constexpr std::size_t kTold = 10;
+    for (std::size_t i = 0; i < std::min(kTold, errors_.size()); ++i) {
       sentence += (i > 0 ? " " : "") + errors_[i].pointer.substr(1) + ": " + errors_[i].detail;
     }
+    if (errors_.size() > kTold) sentence += " And so on: there are " + std::to_string(errors_.size()) + " such errors.";
     throw Error(ErrorCode::invalid_argument, sentence, std::move(errors_));
   }
 

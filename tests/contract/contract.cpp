@@ -146,6 +146,39 @@ std::string changed_case(std::string_view text, int by) {
   return out;
 }
 
+// Adds the numbers in a schema of what `at` is.
+void add_numbers(const Json& given, RequestNumber at, std::vector<RequestNumber>& all) {
+  const Json& schema = resolved(given);
+  const std::string type =
+      schema.contains("type") && schema["type"].is_string() ? schema["type"].get<std::string>() : "";
+  if (type == "number" || type == "integer") {
+    at.whole = type == "integer";
+    at.above = schema.contains("exclusiveMinimum");
+    if (at.above || schema.contains("minimum")) at.least = schema[at.above ? "exclusiveMinimum" : "minimum"].dump();
+    if (schema.contains("maximum")) at.most = schema["maximum"].dump();
+    all.push_back(at);
+  }
+  if (schema.contains("items")) {
+    at.items = schema.value("minItems", std::size_t{1});
+    add_numbers(schema["items"], at, all);
+  }
+  for (const Json& alternative : schema.value("oneOf", Json::array())) {
+    if (alternative.contains("properties")) {
+      const Json& method = alternative["properties"]["method"];
+      at.variant = method.contains("const") ? method["const"] : method["enum"][0];
+      add_numbers(alternative, at, all);
+    } else if (alternative.contains("type") || alternative.contains("items")) {
+      add_numbers(alternative, at, all);
+    }
+  }
+  if (!schema.contains("properties")) return;
+  for (const auto& [name, property] : schema["properties"].items()) {
+    RequestNumber inner = at;
+    inner.name += "/" + name;
+    add_numbers(property, inner, all);
+  }
+}
+
 void check_examples(const Json& media, const std::string& where, std::vector<std::string>& wrong) {
   if (!media.contains("schema")) return;
   if (media.contains("example")) check(media["example"], media["schema"], where, wrong);
@@ -165,6 +198,31 @@ std::vector<std::pair<std::string, std::string>> contract_operations() {
     }
   }
   return operations;
+}
+
+std::vector<RequestNumber> request_numbers() {
+  std::vector<RequestNumber> all;
+  for (const auto& [path, item] : document().at("paths").items()) {
+    for (const auto& [key, operation] : item.items()) {
+      if (!is_method(key)) continue;
+      const RequestNumber at{.method = changed_case(key, -32), .path = path, .in = {}, .name = {}, .variant = {}};
+      for (const Json* holder : {&item, &operation}) {
+        for (const Json& given : holder->value("parameters", Json::array())) {
+          const Json& parameter = resolved(given);
+          RequestNumber number = at;
+          number.in = parameter["in"], number.name = parameter["name"];
+          add_numbers(parameter["schema"], number, all);
+        }
+      }
+      if (!operation.contains("requestBody")) continue;
+      for (const auto& [type, media] : operation["requestBody"]["content"].items()) {
+        RequestNumber number = at;
+        number.in = "body";
+        if (media.contains("schema")) add_numbers(media["schema"], number, all);
+      }
+    }
+  }
+  return all;
 }
 
 std::string template_of(std::string_view path) {

@@ -22,6 +22,20 @@ std::vector<std::string> violations(std::string_view method, std::string_view pa
 /// What is wrong with the contract's own examples, by its schemas.
 std::vector<std::string> example_violations();
 
+/// A number that a request may hold.
+struct RequestNumber {
+  std::string method, path;
+  std::string in;       ///< query, path, header or body
+  std::string name;     ///< of the parameter, or the pointer to it in the body
+  std::string variant;  ///< where a body has alternatives: the `method` of this one
+  bool whole = false;
+  std::string least, most;  ///< as they are written in JSON; empty where the contract has none
+  bool above = false;       ///< `least` itself is not allowed
+  std::size_t items = 0;    ///< of a list: how many there are at least; 0: one number
+};
+/// All of them, in the contract's order.
+std::vector<RequestNumber> request_numbers();
+
 /// The template of a path, or an empty string.
 std::string template_of(std::string_view path);
 

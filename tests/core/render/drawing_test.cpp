@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <ctime>
 #include <numbers>
+#include <random>
 
 #include "core/render/ticks.h"
 
@@ -58,6 +60,42 @@ TEST(Drawing, LinesDiscsAndRingsHaveTheirSize) {
   EXPECT_NEAR(cover(painted(discs)), std::numbers::pi * 400, 2);
   rings.circles({{{50, 50}, 30}}, 2, kBlack);
   EXPECT_NEAR(cover(painted(rings)), 2 * std::numbers::pi * 30 * 2, 2);
+}
+
+// Against every pixel by its distance from the segment.
+TEST(Drawing, LinesCoverWhatIsNearThem) {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> place(-20, 70), size(0.5, 9);
+  for (int i = 0; i < 200; ++i) {
+    const Point2 a{place(random), place(random)};
+    const Point2 b{i % 5 == 0 ? a.x : place(random), i % 7 == 0 ? a.y : place(random)};
+    const double width = size(random), dx = b.x - a.x, dy = b.y - a.y, squared = dx * dx + dy * dy;
+    Drawing drawing(50, 40);
+    drawing.line(a, b, width, {0, 0, 0});
+    const Image image = painted(drawing);
+    for (int y = 0; y < 40; ++y)
+      for (int x = 0; x < 50; ++x) {
+        const double u = x + 0.5 - a.x, v = y + 0.5 - a.y;
+        const double t = squared > 0 ? std::clamp((u * dx + v * dy) / squared, 0.0, 1.0) : 0;
+        const double cover = std::clamp(width / 2 + 0.5 - std::hypot(u - t * dx, v - t * dy), 0.0, 1.0);
+        ASSERT_NEAR(image.at(x, y)[3], 255 * cover, 1) << i << " " << x << " " << y;
+      }
+  }
+}
+
+TEST(Drawing, LargePicturesArePaintedInTheirArea) {
+  Drawing drawing(4096, 4096);
+  drawing.rectangle(0.5, 0.5, 4094, 4094, {10, 20, 30});
+  std::vector<std::vector<Point2>> lines;
+  for (int i = 0; i < 300; ++i) lines.push_back({{10, 10.0 * i}, {4000, 4000 - 10.0 * i}});
+  drawing.lines(std::move(lines), 2, {});
+  Image image = blank_image(4096, 4096);
+  const auto begin = std::clock();
+  paint(drawing, image);
+  EXPECT_EQ(image.at(4050, 2000)[3], 255);
+  EXPECT_EQ(image.at(0, 2000)[3], 128);
+  EXPECT_EQ(image.at(4095, 2000)[3], 0);
+  EXPECT_LT(static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC, 4);
 }
 
 TEST(Drawing, CrossingLinesOfOneInkAreNotDoubled) {
@@ -181,6 +219,15 @@ TEST(Ticks, AreRoundAndWithin) {
   EXPECT_EQ(round_step(3), 5);
   EXPECT_EQ(round_step(0.02), 0.02);
   EXPECT_EQ(round_step(7e5), 1e6);
+}
+
+TEST(Ticks, EndWhereNumbersAreFarApart) {
+  for (const double lo : {1e17, -1e17, 1e30, 9007199254740992.0, 1e-300}) {
+    const double hi = std::nextafter(std::nextafter(lo, INFINITY), INFINITY);
+    const auto all = ticks(lo, hi, 6);
+    EXPECT_LE(all.size(), 7U);
+    for (std::size_t i = 1; i < all.size(); ++i) EXPECT_LT(all[i - 1], all[i]);
+  }
 }
 
 TEST(Ticks, Labels) {

@@ -92,6 +92,17 @@ TEST(Patches, OfBallsThatTouchInOnePoint) {
   expect_same_hits(model, 3000);
 }
 
+// Memory is a patch's times their number: 2⁴ of them a ball, however much surface there is to divide.
+TEST(Patches, AreFewForManyBallsInARow) {
+  for (const double apart : {0.01, 0.1, 1.0, 1.9}) {
+    SphereModel row;
+    for (int i = 0; i < 40'000; ++i) row.spheres.push_back({{apart * i, 0, 0}, 1});
+    const auto patches = visible_patches(row);
+    EXPECT_LE(patches.size(), (std::size_t{1} << 18) + 16 * row.spheres.size());
+    EXPECT_GE(patches.size(), row.spheres.size() / 2);
+  }
+}
+
 TEST(Patches, HiddenAndEmptyBallsHaveNone) {
   SphereModel model;
   model.spheres = {{{0, 0, 0}, 5}, {{1, 0, 0}, 0}};

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <ctime>
 #include <map>
 
 #include "tests/core/render/scenes.h"
@@ -74,6 +75,32 @@ TEST(Trace, RaysFromFarAwayHitToTheMicrometre) {
   const auto hit = tracer->first_hit({{-1e6, 0.25, 0.5}, {1, 0, 0}});
   ASSERT_TRUE(hit);
   EXPECT_NEAR(hit->distance, 1e6 - std::sqrt(1 - 0.0625 - 0.25), 1e-6);
+}
+
+// Embree's own numbers are of single precision, and it ends the process that shows it others.
+TEST(Trace, OddRaysMeetNothingOrWhatIsThere) {
+  for (const double size : {1e-18, 1e-9, 1.0, 1e9}) {
+    const std::vector<Sphere> balls{{{0, 0, 0}, size}, {{size, 0, 0}, size}};
+    const auto tracer = tracer_of(balls), blobs = trace_blobs(balls, 0.5 * size, {});
+    const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
+    for (const Tracer* t : {tracer.get(), blobs.get()}) {
+      for (const double far : {1e12, 1e30, 1e200, 1e308, infinity, nan})
+        for (const Vec3 from : {Vec3{-far, 0, 0}, Vec3{0, far, 0}, Vec3{far, far, far}})
+          for (const Vec3 to : {Vec3{1, 0, 0}, Vec3{0, -1, 0}, Vec3{nan, 0, 0}, Vec3{0, 0, 0}})
+            for (const double end : {infinity, 0.0, -1.0, 1e300, nan}) {
+              const Ray ray{from, to, end};
+              std::array<Ray, 3> rays{ray, ray, ray};
+              std::array<Hit, 3> hits;
+              std::array<std::uint8_t, 3> blocked;
+              t->first_hits(rays, hits);
+              t->blocked(rays, blocked, true);
+              t->blocked(rays, blocked, false);
+            }
+      const auto hit = t->first_hit({{-10 * size, 0.25 * size, 0}, {1, 0, 0}});
+      ASSERT_TRUE(hit);
+      EXPECT_NEAR(hit->distance / size, t == tracer.get() ? 10 - std::sqrt(0.9375) : 9.0317541634, 1e-9);
+    }
+  }
 }
 
 TEST(Trace, InsideOfBallsOnACutAndOffIt) {
@@ -277,6 +304,37 @@ TEST(Blobs, LieBetweenTheBallsAndTheGrownBalls) {
     }
     EXPECT_GT(met, 200U);
   }
+}
+
+// Steps that are lost in the distance already walked would never end.
+TEST(Blobs, FromFarAwayAreTheSame) {
+  const SphereModel model = random_balls(30, 2);
+  const auto tracer = trace_blobs(model.spheres, 0.5, {});
+  std::size_t met = 0;
+  for (const Ray& ray : rays_at(12, 200))
+    for (const double back : {3e5, 1e9, 1e12}) {
+      const auto near = tracer->first_hit(ray);
+      const auto far = tracer->first_hit({ray.origin - back * ray.direction, ray.direction});
+      if (back > 1e6) continue;  // such a ray is a millimetre off
+      ASSERT_EQ(near.has_value(), far.has_value());
+      if (!near) continue;
+      EXPECT_NEAR(far->distance - back, near->distance, 1e-6);
+      ++met;
+    }
+  EXPECT_GT(met, 30U);
+}
+
+// Each step looks only at the fields that it passes: else the time would grow with the square of their number.
+TEST(Blobs, InARowAreWalkedAlongInTheirNumber) {
+  std::vector<Sphere> row;
+  for (int i = 0; i < 20'000; ++i) row.push_back({{0.9 * i, 0, 0}, 1});
+  const auto tracer = trace_blobs(row, 0.5, {});
+  std::vector<Ray> rays;
+  for (int i = 0; i < 16; ++i) rays.push_back({{-10, 1.28 + 0.005 * i, 0}, {1, 0, 0}});
+  std::vector<Hit> hits(rays.size());
+  const auto begin = std::clock();
+  tracer->first_hits(rays, hits);
+  EXPECT_LT(static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC, 2);
 }
 
 TEST(Blobs, BlendColours) {
