@@ -18,16 +18,19 @@ AllowedOrigins origins_from(std::string_view list) {
   return origins;
 }
 
+bool is_allowed(const AllowedOrigins& allowed, std::string_view origin) {
+  return !origin.empty() &&
+         std::ranges::any_of(allowed, [&](const std::string& one) { return one == "*" || one == origin; });
+}
+
 Response with_cors(const AllowedOrigins& allowed, const Request& request, const std::function<Response()>& answer) {
   if (allowed.empty()) return answer();
   const std::string origin(request.header("Origin"));
-  const bool is_allowed = !origin.empty() && std::ranges::any_of(allowed, [&](const std::string& one) {
-    return one == "*" || one == origin;
-  });
+  const bool reads = is_allowed(allowed, origin);
   const bool is_preflight = request.method == "OPTIONS" && !request.header("Access-Control-Request-Method").empty();
-  Response response = is_allowed && is_preflight ? Response{.status = 204} : answer();
+  Response response = reads && is_preflight ? Response{.status = 204} : answer();
   response.set("Vary", "Origin");
-  if (!is_allowed) return response;
+  if (!reads) return response;
   response.set("Access-Control-Allow-Origin", origin);
   if (is_preflight) {
     response.set("X-Request-Id", request.id);
@@ -38,10 +41,12 @@ Response with_cors(const AllowedOrigins& allowed, const Request& request, const 
                  "Upload-Offset");
     response.set("Access-Control-Max-Age", "3600");
   } else {
-    response.set("Access-Control-Expose-Headers",
-                 "Accept-Ranges, Content-Disposition, Content-Range, ETag, Idempotency-Replayed, Link, Location, "
-                 "Preference-Applied, Retry-After, Tus-Resumable, Upload-Expires, Upload-Length, Upload-Offset, "
-                 "X-Request-Id");
+    response.set(
+        "Access-Control-Expose-Headers",
+        "Accept-Post, Accept-Ranges, Allow, Content-Disposition, Content-Range, ETag, Idempotency-Replayed, Link, "
+        "Location, Preference-Applied, Retry-After, Spherule-Frame, Spherule-Unit, Tus-Extension, Tus-Max-Size, "
+        "Tus-Resumable, Tus-Version, Upload-Expires, Upload-Length, Upload-Offset, WWW-Authenticate, "
+        "X-Request-Id");
   }
   return response;
 }

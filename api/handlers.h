@@ -68,6 +68,13 @@ Response get_version(const Call& call);
 Response get_contract(const Call& call);
 Response get_docs(const Call& call);
 
+// What the head of a request must say of its body. Each throws HttpError 415.
+
+void check_model_body(const Request& request);
+void check_simplification_body(const Request& request);
+void check_first_piece(const Request& request);
+void check_piece(const Request& request);
+
 // What several of them share.
 
 /// A JSON answer. Throws HttpError 406 when the Accept header does not allow JSON.

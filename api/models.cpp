@@ -65,6 +65,18 @@ std::optional<SphereFormat> sphere_format(std::string_view word) {
   return std::nullopt;
 }
 
+// Of the spheres in the body; none when it is JSON. Throws HttpError 415.
+std::optional<SphereFormat> body_format(const Request& request) {
+  const Query query(request, {"format"});
+  const auto given = query.choice("format", {"csv", "npy"});
+  const std::string type = media_type(request.header("Content-Type"));
+  if (given == "csv" || (!given && type == "text/csv")) return SphereFormat::csv;
+  if (given == "npy" || (!given && type == "application/x-npy")) return SphereFormat::npy;
+  if (is_json(request)) return {};
+  throw HttpError(415, "Send application/json, or spheres as text/csv or application/x-npy (or add format=csv or npy).",
+                  {{"Accept-Post", "application/json, text/csv, application/x-npy"}});
+}
+
 std::uint32_t level_of(const Query& query) {
   return static_cast<std::uint32_t>(query.integer("level", ranges::level).value_or(0));
 }
@@ -117,26 +129,18 @@ Response derived(const Call& call, const DerivedRequest& request, std::string_vi
   return response;
 }
 
+void check_model_body(const Request& request) { static_cast<void>(body_format(request)); }
+
 Response list_models(const Call& call) { return listed(call, "/v1/models", &Service::models, model_list_document); }
 
 Response post_model(const Call& call) {
-  const Query query(call.request, {"format"});
-  const auto given = query.choice("format", {"csv", "npy"});
+  const std::optional<SphereFormat> format = body_format(call.request);
   const Body* body = call.request.body;
   if (body == nullptr || !body->present()) {
     throw Error(ErrorCode::invalid_argument,
                 "Send a JSON object such as {\"volume\": id, \"threshold\": 60.5}, or spheres as CSV or NPY.");
   }
-  const std::string type = media_type(call.request.header("Content-Type"));
-  if (given == "csv" || (!given && type == "text/csv")) return import_spheres(call, SphereFormat::csv);
-  if (given == "npy" || (!given && type == "application/x-npy")) return import_spheres(call, SphereFormat::npy);
-  // curl -d says that everything is a form.
-  if (type.empty() || type == "application/json" || type.ends_with("+json") ||
-      type == "application/x-www-form-urlencoded") {
-    return make_model(call);
-  }
-  throw HttpError(415, "Send application/json, or spheres as text/csv or application/x-npy (or add format=csv or npy).",
-                  {{"Accept-Post", "application/json, text/csv, application/x-npy"}});
+  return format ? import_spheres(call, *format) : make_model(call);
 }
 
 Response get_model(const Call& call) {

@@ -713,6 +713,12 @@ std::string media_type(std::string_view content_type) {
   return lower(trimmed(content_type.substr(0, content_type.find(';'))));
 }
 
+bool is_json(const Request& request) {
+  const std::string type = media_type(request.header("Content-Type"));
+  return type.empty() || type == "application/json" || type.ends_with("+json") ||
+         type == "application/x-www-form-urlencoded";
+}
+
 std::optional<std::chrono::seconds> preferred_wait(const Request& request) {
   std::optional<std::chrono::seconds> wait;
   for (const auto& [name, value] : request.headers) {

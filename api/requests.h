@@ -115,6 +115,8 @@ std::size_t negotiate(std::string_view accept, std::span<const std::string_view>
 
 /// The media type of a Content-Type header without its parameters, in lower case.
 std::string media_type(std::string_view content_type);
+/// Whether the body is JSON by its type, or may be: curl -d says that everything is a form.
+bool is_json(const Request& request);
 
 /// `wait=N` of Prefer headers, in seconds, if any; `respond-async` is wait=0.
 std::optional<std::chrono::seconds> preferred_wait(const Request& request);

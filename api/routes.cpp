@@ -19,6 +19,7 @@ namespace {
 struct Route {
   Operation operation;
   Response (*handler)(const Call&);
+  void (*check_type)(const Request&) = nullptr;  // of the body
 };
 
 constexpr auto kRoutes = std::to_array<Route>({
@@ -29,12 +30,12 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/volumes/{volume}/content"}, get_volume_content},
     {{"GET", "/v1/volumes/{volume}/histogram"}, get_volume_histogram},
     {{"GET", "/v1/volumes/{volume}/slices/{axis}/{index}"}, get_slice},
-    {{"POST", "/v1/uploads"}, post_upload},
+    {{"POST", "/v1/uploads"}, post_upload, check_first_piece},
     {{"GET", "/v1/uploads/{upload}"}, get_upload},
-    {{"PATCH", "/v1/uploads/{upload}"}, patch_upload},
+    {{"PATCH", "/v1/uploads/{upload}"}, patch_upload, check_piece},
     {{"DELETE", "/v1/uploads/{upload}"}, delete_upload},
     {{"GET", "/v1/models"}, list_models},
-    {{"POST", "/v1/models"}, post_model},
+    {{"POST", "/v1/models"}, post_model, check_model_body},
     {{"GET", "/v1/models/{model}"}, get_model},
     {{"DELETE", "/v1/models/{model}"}, delete_model},
     {{"GET", "/v1/models/{model}/spheres"}, get_spheres},
@@ -43,7 +44,7 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/models/{model}/checks"}, get_checks},
     {{"GET", "/v1/models/{model}/render"}, get_render},
     {{"GET", "/v1/models/{model}/exports/{format}"}, get_export},
-    {{"POST", "/v1/models/{model}/simplifications"}, post_simplification},
+    {{"POST", "/v1/models/{model}/simplifications"}, post_simplification, check_simplification_body},
     {{"GET", "/v1/models/{model}/tree"}, get_tree},
     {{"GET", "/v1/registrations"}, list_registrations},
     {{"POST", "/v1/registrations"}, post_registration},
@@ -91,7 +92,13 @@ std::optional<std::vector<std::string>> match(std::string_view pattern, std::str
   return parameters;
 }
 
-Response dispatch(Service& service, const Request& request, std::string_view& asked) {
+// The row for a request, and what the path holds. Throws HttpError 404 and 405.
+struct Found {
+  const Route* route = nullptr;  // null for OPTIONS
+  std::vector<std::string> parameters{};
+  std::string allowed{};  // methods
+};
+Found find_route(const Request& request, std::string_view& asked) {
   const std::string_view method = request.method == "HEAD" ? std::string_view("GET") : request.method;
   std::string allowed;
   if (request.path.starts_with('/')) {
@@ -99,20 +106,24 @@ Response dispatch(Service& service, const Request& request, std::string_view& as
       auto parameters = match(route.operation.path, request.path);
       if (!parameters) continue;
       asked = route.operation.path;
-      if (route.operation.method == method) return route.handler({service, request, std::move(*parameters)});
+      if (route.operation.method == method) return {.route = &route, .parameters = std::move(*parameters)};
       allowed += (allowed.empty() ? "" : ", ") + std::string(route.operation.method);
       if (route.operation.method == "GET") allowed += ", HEAD";
     }
   }
   if (allowed.empty()) throw HttpError(404, "There is nothing at this path; /openapi.yaml lists what there is.");
   allowed += ", OPTIONS";
-  if (request.method == "OPTIONS") {
-    Response response{.status = 204};
-    response.set("Allow", allowed);
-    if (asked.starts_with("/v1/uploads")) describe_uploads(service, response);
-    return response;
-  }
+  if (request.method == "OPTIONS") return {.allowed = allowed};
   throw HttpError(405, "Use one of the methods " + allowed + " here.", {{"Allow", allowed}});
+}
+
+Response dispatch(Service& service, const Request& request, std::string_view& asked) {
+  Found found = find_route(request, asked);
+  if (found.route != nullptr) return found.route->handler({service, request, std::move(found.parameters)});
+  Response response{.status = 204};
+  response.set("Allow", found.allowed);
+  if (asked.starts_with("/v1/uploads")) describe_uploads(service, response);
+  return response;
 }
 
 // FNV-1a, 64 bits: tells versions of one document apart.
@@ -166,13 +177,11 @@ void validate_cache(const Request& request, Response& response) {
   });
 }
 
-Response answer(Service& service, const Request& request, std::string_view& asked) {
+// What `f` gives, or the problem that it throws.
+template <typename F>
+auto or_problem(const Request& request, F&& f) -> decltype(f()) {
   try {
-    check_precondition(service, request);
-    Response response =
-        answer_once(service, request, [&](const Request& watched) { return dispatch(service, watched, asked); });
-    validate_cache(request, response);
-    return response;
+    return f();
   } catch (const Error& error) {
     return problem(error, request.id);
   } catch (const HttpError& error) {
@@ -185,6 +194,22 @@ Response answer(Service& service, const Request& request, std::string_view& aske
   }
 }
 
+Response answer(Service& service, const Request& request, std::string_view& asked) {
+  return or_problem(request, [&] {
+    check_precondition(service, request);
+    Response response =
+        answer_once(service, request, [&](const Request& watched) { return dispatch(service, watched, asked); });
+    validate_cache(request, response);
+    return response;
+  });
+}
+
+void complete(const Request& request, std::string_view asked, Response& response) {
+  response.route = asked;
+  if (!request.id.empty()) response.set("X-Request-Id", request.id);
+  response.set("X-Content-Type-Options", "nosniff");
+}
+
 }  // namespace
 
 std::span<const Operation> operations() { return kOperations; }
@@ -192,10 +217,29 @@ std::span<const Operation> operations() { return kOperations; }
 Response handle(Service& service, const Request& request) {
   std::string_view asked;
   Response response = answer(service, request, asked);
-  response.route = asked;
-  if (!request.id.empty()) response.set("X-Request-Id", request.id);
-  response.set("X-Content-Type-Options", "nosniff");
+  complete(request, asked, response);
   return response;
+}
+
+std::optional<Response> refused_by_head(const Request& request, std::uint64_t most_bytes) {
+  std::string_view asked;
+  std::optional<Response> refused = or_problem(request, [&]() -> std::optional<Response> {
+    const Found found = find_route(request, asked);
+    if (request.body != nullptr && request.body->announced() > most_bytes) {
+      throw Error(ErrorCode::too_large, "The body is larger than the " + std::to_string(most_bytes) +
+                                            " bytes that this server accepts; send less.");
+    }
+    if (found.route != nullptr && found.route->check_type != nullptr) found.route->check_type(request);
+    return {};
+  });
+  if (refused) complete(request, asked, *refused);
+  return refused;
+}
+
+std::string_view route_of(std::string_view path) {
+  const auto found = std::ranges::find_if(
+      kRoutes, [&](const Route& route) { return path.starts_with('/') && match(route.operation.path, path); });
+  return found == kRoutes.end() ? std::string_view() : found->operation.path;
 }
 
 Response json_response(const Call& call, std::string document, int status) {

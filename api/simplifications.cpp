@@ -5,18 +5,17 @@
 
 namespace spherule::api {
 
+void check_simplification_body(const Request& request) {
+  if (!is_json(request)) throw HttpError(415, "Send application/json.", {{"Accept-Post", "application/json"}});
+}
+
 Response post_simplification(const Call& call) {
   const Query query(call.request, {});
   const Body* body = call.request.body;
   if (body == nullptr || !body->present()) {
     throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"method\": \"best\", \"k\": 64}.");
   }
-  const std::string type = media_type(call.request.header("Content-Type"));
-  // curl -d says that everything is a form.
-  if (!(type.empty() || type == "application/json" || type.ends_with("+json") ||
-        type == "application/x-www-form-urlencoded")) {
-    throw HttpError(415, "Send application/json.", {{"Accept-Post", "application/json"}});
-  }
+  check_simplification_body(call.request);
   const Wait wait = agreed_wait(call, false);
   const SimplifyMethod method = simplify_wish(json_body(call));
   return model_response(call, call.service.simplify_model({.model = call.id(), .method = method}, wait.granted), wait);

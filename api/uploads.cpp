@@ -104,7 +104,21 @@ UploadInfo append(const Call& call, const std::string& id, std::uint64_t offset)
   });
 }
 
+bool has_body(const Request& request) { return request.body != nullptr && request.body->present(); }
+
 }  // namespace
+
+void check_first_piece(const Request& request) {
+  if (has_body(request) && media_type(request.header("Content-Type")) != kPieceType) {
+    throw HttpError(415, "Send the first bytes as " + std::string(kPieceType) + ", or none.");
+  }
+}
+
+void check_piece(const Request& request) {
+  if (media_type(request.header("Content-Type")) != kPieceType) {
+    throw HttpError(415, "Send the bytes as " + std::string(kPieceType) + ".");
+  }
+}
 
 void describe_uploads(Service& service, Response& response) {
   response.set("Tus-Resumable", std::string(kVersion));
@@ -118,12 +132,9 @@ Response post_upload(const Call& call) {
   check_version(call.request);
   const auto length = byte_count(call.request, "Upload-Length");
   if (!length) throw Error(ErrorCode::invalid_argument, "Announce the size of the whole upload as Upload-Length.");
-  const bool with_bytes = call.request.body != nullptr && call.request.body->present();
-  if (with_bytes && media_type(call.request.header("Content-Type")) != kPieceType) {
-    throw HttpError(415, "Send the first bytes as " + std::string(kPieceType) + ", or none.");
-  }
+  check_first_piece(call.request);
   UploadInfo upload = call.service.create_upload(*length, filename_of(call.request.header("Upload-Metadata")));
-  if (with_bytes) upload = append(call, upload.id, 0);
+  if (has_body(call.request)) upload = append(call, upload.id, 0);
   Response response = json_response(call, upload_document(upload), 201);
   response.set("Location", "/v1/uploads/" + upload.id);
   tell(response, upload);
@@ -143,9 +154,7 @@ Response get_upload(const Call& call) {
 Response patch_upload(const Call& call) {
   const Query query(call.request, {});
   check_version(call.request);
-  if (media_type(call.request.header("Content-Type")) != kPieceType) {
-    throw HttpError(415, "Send the bytes as " + std::string(kPieceType) + ".");
-  }
+  check_piece(call.request);
   const auto offset = byte_count(call.request, "Upload-Offset");
   if (!offset) throw Error(ErrorCode::invalid_argument, "Say by Upload-Offset where these bytes belong.");
   const UploadInfo upload = append(call, call.id(), *offset);

@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "server/digest.h"
+#include "server/http/head.h"
 
 namespace spherule::server {
 
@@ -87,6 +88,29 @@ bool is_loopback(const std::string& host) {
   if (::inet_pton(AF_INET, host.c_str(), &four) == 1) return ntohl(four.s_addr) >> 24 == 127;
   in6_addr six{};
   return ::inet_pton(AF_INET6, host.c_str(), &six) == 1 && IN6_IS_ADDR_LOOPBACK(&six);
+}
+
+bool is_loopback_name(std::string_view name) {
+  if (name.starts_with('[') && name.ends_with(']')) return is_loopback(std::string(name.substr(1, name.size() - 2)));
+  return name == "localhost" || name.ends_with(".localhost") || is_loopback(std::string(name));
+}
+
+std::vector<std::string> hosts_from(std::string_view list) {
+  std::vector<std::string> hosts;
+  while (!list.empty()) {
+    const std::size_t end = std::min(list.find(','), list.size());
+    std::string_view one = list.substr(0, end);
+    while (one.starts_with(' ')) one.remove_prefix(1);
+    while (one.ends_with(' ')) one.remove_suffix(1);
+    if (const auto name = host_name(one)) {
+      hosts.push_back(*name);
+    } else if (!one.empty()) {
+      throw Error(ErrorCode::invalid_argument,
+                  "Give names of this server such as spherule.example, with commas between.");
+    }
+    list.remove_prefix(std::min(end + 1, list.size()));
+  }
+  return hosts;
 }
 
 }  // namespace spherule::server

@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace spherule::server {
 
@@ -47,5 +48,13 @@ std::optional<Scope> needed_scope(std::string_view method, std::string_view path
 
 /// Whether a server that listens on this address is reached from its own machine only.
 bool is_loopback(const std::string& host);
+
+/// Whether a name in a Host header (host_name() of http/head.h) leads to the machine itself, whatever name servers say:
+/// loopback addresses, localhost, and all below it (RFC 6761, 6.3).
+bool is_loopback_name(std::string_view name);
+
+/// Reads a list of host names with commas between, to compare with such names; a port after a name means nothing.
+/// Throws invalid_argument for what is no name.
+std::vector<std::string> hosts_from(std::string_view list);
 
 }  // namespace spherule::server

@@ -91,13 +91,17 @@ class FileStaging final : public Staging {
  public:
   FileStaging(std::uint64_t limit, fs::path root, const fs::path& temporary)
       : Staging(limit), root_(std::move(root)), path_(temporary / random_id("staging")) {
-    descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    descriptor_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
     if (descriptor_ < 0) throw_storage(errno);
   }
 
   ~FileStaging() override {
-    if (descriptor_ >= 0) ::close(descriptor_);
+    FileStaging::rest();
     if (!path_.empty()) ::unlink(path_.c_str());
+  }
+
+  void rest() override {
+    if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
   }
 
   Blob open() const override {
@@ -110,7 +114,8 @@ class FileStaging final : public Staging {
   std::string commit(std::string_view name) override {
     SPHERULE_CHECK(!path_.empty() && is_name(name));
     // Only once the content is on the disk may the name be: a power cut in between must not leave an empty blob.
-    if (::fsync(descriptor_) != 0) throw_storage(errno);
+    if (::fsync(writable()) != 0) throw_storage(errno);
+    rest();
     std::string key = make_key(name, sha256());
     const fs::path target = root_ / key;
     make_folder(target.parent_path());
@@ -131,7 +136,7 @@ class FileStaging final : public Staging {
       since_look_ = 0;
     }
     while (!bytes.empty()) {
-      const ssize_t put = ::write(descriptor_, bytes.data(), bytes.size());
+      const ssize_t put = ::write(writable(), bytes.data(), bytes.size());
       if (put < 0 && errno == EINTR) continue;
       if (put < 0) throw_storage(errno);
       bytes.remove_prefix(static_cast<std::size_t>(put));
@@ -139,6 +144,12 @@ class FileStaging final : public Staging {
   }
 
  private:
+  int writable() {
+    if (descriptor_ < 0) descriptor_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+    if (descriptor_ < 0) throw_storage(errno);
+    return descriptor_;
+  }
+
   fs::path root_;
   fs::path path_;  // empty once committed
   int descriptor_ = -1;

@@ -40,6 +40,8 @@ struct Setting {
 
 const std::array settings = {
     Setting{"host", "ADDRESS", "address to listen on; without keys a loopback address", &Config::host},
+    Setting{"hosts", "NAME,...",
+            "names of this server: requests for others are refused; loopback names always are its own", &Config::hosts},
     Setting{"port", "N", "port to listen on; 0: any free one", &Config::port, 0, 65535},
     Setting{"tls_certificate", "FILE", "PEM chain; with tls_key the server speaks HTTPS", &Config::tls_certificate},
     Setting{"tls_key", "FILE", "PEM private key of the certificate", &Config::tls_key},
@@ -75,6 +77,8 @@ const std::array settings = {
     Setting{"max_job_s", "N", "seconds that one job may run; then it has failed", &Config::max_job_s, 1, 31'536'000},
     Setting{"max_wait_s", "N", "seconds that a request may wait for its job", &Config::max_wait_s, 0, 86400},
     Setting{"max_streams", "N", "event streams at once", &Config::max_streams, 0, 100'000},
+    Setting{"max_connections_per_address", "N", "connections of one address at once; loopback addresses have no limit",
+            &Config::max_connections_per_address, 1, 1'000'000},
     Setting{"cors_origins", "ORIGIN,...", "whose pages may read answers; *: all", &Config::cors_origins},
     Setting{"model_cache_bytes", "BYTES", "memory for sphere models that were used lately", &Config::model_cache_bytes,
             0, many_bytes},
@@ -212,6 +216,7 @@ void validate(Config& config) {
     refuse(
         "Without keys the server listens on a loopback address only, because whoever reaches it may do everything; "
         "give keys (`spheruled key NAME` makes one), or host 127.0.0.1");
+  static_cast<void>(hosts_from(config.hosts));  // refuses what is no name
   std::set<std::string_view> names;
   for (const ApiKey& key : config.keys)
     if (!names.insert(key.name).second) refuse("Two keys have the name " + key.name + "; give each its own");

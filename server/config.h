@@ -24,6 +24,7 @@ namespace spherule::server {
 /// The settings; usage() explains each. A request over a limit is refused with too_large, never truncated.
 struct Config {
   std::string host = "127.0.0.1";                  ///< without keys, only a loopback address is accepted
+  std::string hosts;                               ///< names of this server beside those of loopback, commas between
   std::uint16_t port = 8080;                       ///< 0: any free port
   std::filesystem::path tls_certificate, tls_key;  ///< PEM; both or none
   std::vector<ApiKey> keys;                        ///< none: whoever reaches the (loopback) address may do everything
@@ -51,8 +52,9 @@ struct Config {
   std::uint64_t max_job_s = 3600;                                 ///< that one job may run; then it fails
   std::uint64_t max_wait_s = 60;                                  ///< cap of `Prefer: wait=N`
   std::uint64_t max_streams = 32;                                 ///< event streams at once
-  std::string cors_origins;                                       ///< whose pages may read answers, commas between
-  std::uint64_t model_cache_bytes = std::uint64_t{1} << 30;       ///< sphere models kept in memory
+  std::uint64_t max_connections_per_address = 1024;          ///< open at once; of loopback addresses as many as fit
+  std::string cors_origins;                                  ///< whose pages may read answers, commas between
+  std::uint64_t model_cache_bytes = std::uint64_t{1} << 30;  ///< sphere models kept in memory
 
   [[nodiscard]] unsigned threads_per_job() const { return threads < jobs_at_once ? 1 : threads / jobs_at_once; }
   [[nodiscard]] std::filesystem::path catalog_file() const { return data / "catalog.sqlite"; }

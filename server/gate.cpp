@@ -5,7 +5,10 @@
 #include <array>
 
 #include "api/problem.h"
+#include "api/routes.h"
+#include "core/base/error.h"
 #include "server/digest.h"
+#include "server/http/head.h"
 
 namespace spherule::server {
 
@@ -21,7 +24,7 @@ bool changes(const Request& request) {
 
 // The first part of a path that is an id; nothing else that a client wrote is repeated.
 std::string id_in(std::string_view path) {
-  constexpr std::array<std::string_view, 4> prefixes = {"vol", "mdl", "reg", "job"};
+  constexpr std::array<std::string_view, 5> prefixes = {"vol", "mdl", "reg", "upl", "job"};
   while (!path.empty()) {
     path.remove_prefix(1);
     const std::string_view part = path.substr(0, std::min(path.find('/'), path.size()));
@@ -33,38 +36,104 @@ std::string id_in(std::string_view path) {
   return {};
 }
 
-Response refusal(const Request& request, const HttpError& error) {
+template <typename Problem>
+Response refused_as(const Request& request, const Problem& error) {
   Response response = api::problem(error, request.id);
+  response.route = api::route_of(request.path);
   if (!request.id.empty()) response.set("X-Request-Id", request.id);
   return response;
 }
 
+std::string lower(std::string_view text) {
+  std::string result(text);
+  std::ranges::transform(result, result.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+  return result;
+}
+
 }  // namespace
 
-Response Gate::pass(const Request& request, const Next& next) const {
-  const auto needed = needed_scope(request.method, request.path);
-  if (!needed || keys_.empty()) {
-    Response response = next("local");
-    if (needed) write_down(request, response, "local");
-    return response;
+std::optional<Response> Gate::misplaced(const Request& request) const {
+  const bool open = options_.keys.empty();
+  if (!open && options_.hosts.empty()) return {};
+  const std::string_view host = request.header("Host");
+  if (!host.empty()) {
+    const auto name = host_name(host);
+    if (!name || (!is_loopback_name(*name) && std::ranges::find(options_.hosts, *name) == options_.hosts.end())) {
+      return refused_as(request, HttpError(403,
+                                           "Ask for this server by the name localhost, or by one that its operator has "
+                                           "listed as its own (hosts)."));
+    }
   }
-  const ApiKey* key = find_key(keys_, request.header("Authorization"));
-  Response response = [&] {
-    if (key == nullptr) {
-      return refusal(request, HttpError(401, "Send a key of this server: Authorization: Bearer TOKEN.",
-                                        {{"WWW-Authenticate", "Bearer realm=\"spherule\""}}));
-    }
-    if (key->scope < *needed) {
-      return refusal(
+  if (!open || !changes(request)) return {};
+  const std::string_view origin = request.header("Origin"), site = request.header("Sec-Fetch-Site");
+  const bool own = origin.empty()
+                       ? site.empty() || site == "same-origin" || site == "none"
+                       : lower(origin) == "http://" + lower(host) || lower(origin) == "https://" + lower(host);
+  if (own || api::is_allowed(options_.origins, origin)) return {};
+  return refused_as(request,
+                    HttpError(403,
+                              "Pages of other origins may change nothing here, unless the server's operator has "
+                              "listed theirs (cors_origins)."));
+}
+
+Gate::Judgement Gate::judge(const Request& request) const {
+  if (auto refused = misplaced(request)) return {.client = {}, .refused = std::move(refused)};
+  const auto needed = needed_scope(request.method, request.path);
+  if (!needed || options_.keys.empty()) return {.client = "local"};
+  const ApiKey* key = find_key(options_.keys, request.header("Authorization"));
+  if (key == nullptr) {
+    return {.client = {},
+            .refused = refused_as(request, HttpError(401, "Send a key of this server: Authorization: Bearer TOKEN.",
+                                                     {{"WWW-Authenticate", "Bearer realm=\"spherule\""}}))};
+  }
+  if (key->scope >= *needed) return {.client = key->name};
+  const std::string scope(to_string(*needed));
+  return {
+      .client = key->name,
+      .refused = refused_as(
           request, HttpError(403,
-                             "This needs a key with the scope " + std::string(to_string(*needed)) +
-                                 ", and this one has " + std::string(to_string(key->scope)) + ".",
-                             {{"WWW-Authenticate", "Bearer realm=\"spherule\", error=\"insufficient_scope\", scope=\"" +
-                                                       std::string(to_string(*needed)) + "\""}}));
+                             "This needs a key with the scope " + scope + ", and this one has " +
+                                 std::string(to_string(key->scope)) + ".",
+                             {{"WWW-Authenticate",
+                               "Bearer realm=\"spherule\", error=\"insufficient_scope\", scope=\"" + scope + "\""}}))};
+}
+
+std::optional<Response> Gate::refusal(const Request& request) const {
+  Judgement judged = judge(request);
+  if (judged.refused) write_down(request, *judged.refused, judged.client);
+  return std::move(judged.refused);
+}
+
+Response Gate::pass(const Request& request, const Next& next) const {
+  const Judgement judged = judge(request);
+  if (judged.refused) {
+    write_down(request, *judged.refused, judged.client);
+    return *judged.refused;
+  }
+  Response response = with_place(request, next(judged.client), judged.client);
+  if (needed_scope(request.method, request.path)) write_down(request, response, judged.client);
+  return response;
+}
+
+Response Gate::with_place(const Request& request, Response response, const std::string& client) const {
+  auto* events = std::get_if<api::EventSource>(&response.body);
+  if (events == nullptr) return response;
+  {
+    const std::lock_guard lock(places_->mutex);
+    std::size_t& taken = places_->taken[client];
+    if (taken >= options_.streams_of_client) {
+      return refused_as(request, Error(ErrorCode::throttled,
+                                       "You have too many event streams open; close some, or poll the job instead."));
     }
-    return next(key->name);
-  }();
-  write_down(request, response, key == nullptr ? std::string() : key->name);
+    ++taken;
+  }
+  // Given back with the last copy of the source.
+  const std::shared_ptr<void> place(nullptr, [places = places_, client](void*) {
+    const std::lock_guard lock(places->mutex);
+    --places->taken[client];
+  });
+  response.body = [place, next = std::move(*events)](std::string& out) { return next(out); };
   return response;
 }
 

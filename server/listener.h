@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// HTTP/1.1 on a socket: carries api::Request and api::Response to and from the network. The only user of the HTTP
-// library.
+// HTTP/1.1 on a socket: carries api::Request and api::Response to and from the network.
+//
+// All of it is ours, for what matters here is what libraries leave to their users: one strict reading of every request,
+// a bound on all that a client may make us keep, and no thread for whoever is slow.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "api/http.h"
@@ -19,7 +22,6 @@ struct ListenerOptions {
   std::string host = "127.0.0.1";
   std::uint16_t port = 0;                          ///< 0: any free one
   std::filesystem::path tls_certificate, tls_key;  ///< PEM; empty: plain HTTP
-  std::uint64_t max_body_bytes = 0;                ///< bodies announced larger are refused before they are sent
   std::size_t max_streams = 32;                    ///< event streams at once; further ones are refused
   ConnectionLimits connections{};                  ///< how many, how long
 };
@@ -36,12 +38,17 @@ struct AccessRecord {
 
 class Listener {
  public:
-  /// Called from many threads at once; must not throw.
-  using Handler = std::function<api::Response(const api::Request&)>;
+  /// Called from many threads at once. What they throw is answered as the problem that it is.
+  struct Handlers {
+    std::function<api::Response(const api::Request&)> answer;
+    /// Whether a request whose body has not arrived is refused for its head alone: then the body is not waited for. It
+    /// must not be read here. `answer` decides for itself all the same. Empty: none is refused.
+    std::function<std::optional<api::Response>(const api::Request&)> admit{};
+  };
   using AccessLog = std::function<void(const AccessRecord&)>;
 
   /// Binds the address. Throws busy when it is taken or none, invalid_argument when certificate and key are no pair.
-  Listener(ListenerOptions options, Handler handler, AccessLog log = {});
+  Listener(ListenerOptions options, Handlers handlers, AccessLog log = {});
   ~Listener();
   Listener(const Listener&) = delete;
   Listener& operator=(const Listener&) = delete;

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // spheruled: configuration -> store -> jobs -> listener, until SIGTERM or SIGINT; and the operator's commands.
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -14,7 +17,6 @@
 #include <string>
 #include <thread>
 
-#include <unistd.h>
 
 #include "api/cors.h"
 #include "api/routes.h"
@@ -57,6 +59,19 @@ void log_fault(const std::string& job, const std::string& what) {
   log(server::LogLine("fault").add("job", job).add("what", what));
 }
 
+// As many descriptors as the system allows: half for connections, half for files and all else.
+server::ConnectionLimits connection_limits(const server::Config& config) {
+  server::ConnectionLimits limits;
+  limits.of_one_address = config.max_connections_per_address;
+  rlimit descriptors{};
+  if (::getrlimit(RLIMIT_NOFILE, &descriptors) != 0) return limits;
+  descriptors.rlim_cur = descriptors.rlim_max;
+  if (::setrlimit(RLIMIT_NOFILE, &descriptors) == 0 || ::getrlimit(RLIMIT_NOFILE, &descriptors) == 0) {
+    limits.connections = std::min<std::size_t>(limits.connections, std::max<std::size_t>(descriptors.rlim_cur / 2, 16));
+  }
+  return limits;
+}
+
 int serve(const server::Config& config) {
   // Blocked before any thread starts, so that all inherit it and only sigwait takes them.
   sigset_t signals;
@@ -94,7 +109,13 @@ int serve(const server::Config& config) {
   std::map<std::string, server::Pipeline> clients;
   clients.emplace("local", pipeline.on_behalf_of("local", server::Scope::admin));
   for (const server::ApiKey& key : config.keys) clients.emplace(key.name, pipeline.on_behalf_of(key.name, key.scope));
-  const server::Gate gate(config.keys, audit);
+  // Without keys, or with one, there is nobody to share with.
+  const std::size_t streams = config.keys.size() > 1 ? (config.max_streams + 1) / 2 : config.max_streams;
+  const server::Gate gate({.keys = config.keys,
+                           .hosts = server::hosts_from(config.hosts),
+                           .origins = origins,
+                           .streams_of_client = streams},
+                          audit);
   const auto answer = [&](const api::Request& request) {
     return gate.pass(request, [&](const std::string& client) {
       api::Request known = request;
@@ -107,9 +128,18 @@ int serve(const server::Config& config) {
                               .port = config.port,
                               .tls_certificate = config.tls_certificate,
                               .tls_key = config.tls_key,
-                              .max_body_bytes = config.max_body_bytes,
-                              .max_streams = config.max_streams},
-      [&](const api::Request& request) { return api::with_cors(origins, request, [&] { return answer(request); }); },
+                              .max_streams = config.max_streams,
+                              .connections = connection_limits(config)},
+      server::Listener::Handlers{.answer =
+                                     [&](const api::Request& request) {
+                                       return api::with_cors(origins, request, [&] { return answer(request); });
+                                     },
+                                 .admit = [&](const api::Request& request) -> std::optional<api::Response> {
+                                   auto refused = gate.refusal(request);
+                                   if (!refused) refused = api::refused_by_head(request, config.max_body_bytes);
+                                   if (!refused) return {};
+                                   return api::with_cors(origins, request, [&] { return *refused; });
+                                 }},
       [&](const server::AccessRecord& request) {
         requests.count(request);
         log_access(request);

@@ -67,6 +67,9 @@ class Staging {
   [[nodiscard]] std::uint64_t size() const { return size_; }
   [[nodiscard]] std::string sha256() const { return digest_.hex(); }
 
+  /// Nothing is appended for now: gives back what appending needs, a descriptor above all.
+  virtual void rest() {}
+
   /// The bytes so far, for sniffing and parsing before commit().
   [[nodiscard]] virtual Blob open() const = 0;
 

@@ -35,6 +35,8 @@ void FileUpload::begin_file(std::string_view name) {
     }
     if (file.name == name) throw Error(ErrorCode::invalid_argument, "Give every file a name of its own.");
   }
+  // One descriptor at a time, however many files there are.
+  if (!files_.empty()) files_.back().staging->rest();
   files_.push_back({std::string(name), first_ ? std::move(first_) : blobs_.stage(limit_)});
 }
 

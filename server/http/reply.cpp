@@ -2,11 +2,8 @@
 #include "server/http/reply.h"
 
 #include <algorithm>
-#include <chrono>
+#include <array>
 #include <memory>
-
-#include "server/http/connections.h"
-#include "server/http/encoding.h"
 
 namespace spherule::server {
 
@@ -17,134 +14,140 @@ namespace {
 constexpr std::size_t kPieceBytes = 1 << 18;
 constexpr std::size_t kWorthCompressing = 1024;
 
-// Writes text and, when the connection is to be closed, fails: then the library closes it.
-void set_text(httplib::Response& response, std::string text, const std::string& type, const Close& close) {
-  if (!close) {
-    response.set_content(text, type);
-    return;
+std::string_view reason(int status) {
+  constexpr std::array<std::pair<int, std::string_view>, 28> reasons = {{{200, "OK"},
+                                                                         {201, "Created"},
+                                                                         {202, "Accepted"},
+                                                                         {204, "No Content"},
+                                                                         {206, "Partial Content"},
+                                                                         {304, "Not Modified"},
+                                                                         {400, "Bad Request"},
+                                                                         {401, "Unauthorized"},
+                                                                         {403, "Forbidden"},
+                                                                         {404, "Not Found"},
+                                                                         {405, "Method Not Allowed"},
+                                                                         {406, "Not Acceptable"},
+                                                                         {408, "Request Timeout"},
+                                                                         {409, "Conflict"},
+                                                                         {410, "Gone"},
+                                                                         {411, "Length Required"},
+                                                                         {412, "Precondition Failed"},
+                                                                         {413, "Content Too Large"},
+                                                                         {414, "URI Too Long"},
+                                                                         {415, "Unsupported Media Type"},
+                                                                         {416, "Range Not Satisfiable"},
+                                                                         {417, "Expectation Failed"},
+                                                                         {422, "Unprocessable Content"},
+                                                                         {429, "Too Many Requests"},
+                                                                         {431, "Request Header Fields Too Large"},
+                                                                         {500, "Internal Server Error"},
+                                                                         {503, "Service Unavailable"},
+                                                                         {507, "Insufficient Storage"}}};
+  const auto found = std::ranges::find(reasons, status, &std::pair<int, std::string_view>::first);
+  return found == reasons.end() ? std::string_view() : found->second;
+}
+
+// A body of unknown length: in chunks, or, for who does not know these, until the connection closes.
+class Chunks {
+ public:
+  Chunks(Connection& connection, bool framed) : connection_(connection), framed_(framed) {}
+  bool write(std::string_view piece) {
+    if (piece.empty()) return true;  // an empty chunk would be the last
+    if (!framed_) return connection_.write(piece);
+    std::array<char, 20> size{};
+    const int digits = std::snprintf(size.data(), size.size(), "%zx\r\n", piece.size());
+    connection_.hold(std::string(size.data(), static_cast<std::size_t>(digits)));
+    connection_.hold(std::string(piece));
+    return connection_.write("\r\n");
   }
-  const std::size_t size = text.size();
-  response.set_content_provider(size, type,
-                                [text = std::move(text), close](std::size_t, std::size_t, httplib::DataSink& sink) {
-                                  sink.write(text.data(), text.size());
-                                  close();
-                                  return false;
-                                });
-}
+  bool end() { return !framed_ || connection_.write("0\r\n\r\n"); }
 
-// A content provider cannot throw. When it fails it is too late to say why: the connection is closed before the end
-// that was announced, which tells the client.
-template <typename F>
-bool succeeds(F&& f) {
-  try {
-    return f();
-  } catch (...) {
-    return false;
+ private:
+  Connection& connection_;
+  bool framed_;
+};
+
+bool send_part(const api::ContentPart& part, Connection& connection) {
+  if (part.content.file >= 0) return connection.write_file(part.content.file, part.offset, part.length);
+  std::string piece;
+  for (std::uint64_t at = 0; at < part.length; at += piece.size()) {
+    piece.resize(std::min<std::uint64_t>(part.length - at, kPieceBytes));
+    piece.resize(part.content.read_at(part.offset + at, piece));
+    if (piece.empty() || !connection.write(piece)) return false;
   }
+  return true;
 }
 
-void set_part(httplib::Response& response, api::ContentPart&& given, const std::string& type) {
-  const auto part = std::make_shared<const api::ContentPart>(std::move(given));
-  response.set_content_provider(part->length, type,
-                                [part](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
-                                  return succeeds([&] {
-                                    Connection* connection = Connection::current();
-                                    if (connection != nullptr && part->content.file >= 0) {
-                                      connection->take_from_file(part->content.file, part->offset + offset);
-                                      return sink.write(nullptr, length);
-                                    }
-                                    std::string piece(std::min(length, kPieceBytes), '\0');
-                                    const std::size_t n = part->content.read_at(part->offset + offset, piece);
-                                    return n > 0 && sink.write(piece.data(), n);
-                                  });
-                                });
+bool send_packed(const api::ContentPart& part, Encoding encoding, Chunks chunks) {
+  const std::unique_ptr<Packer> packer = make_packer(encoding);
+  std::string piece;
+  for (std::uint64_t at = 0; at < part.length; at += piece.size()) {
+    piece.resize(std::min<std::uint64_t>(part.length - at, kPieceBytes));
+    piece.resize(part.content.read_at(part.offset + at, piece));
+    if (piece.empty() || !chunks.write(packer->feed(piece, at + piece.size() == part.length))) return false;
+  }
+  return chunks.end();
 }
 
-void set_packed_part(httplib::Response& response, api::ContentPart&& given, const std::string& type,
-                     Encoding encoding) {
-  struct Stream {
-    api::ContentPart part;
-    std::unique_ptr<Packer> packer;
-    std::uint64_t at = 0;
-  };
-  const auto stream = std::make_shared<Stream>(std::move(given), make_packer(encoding));
-  response.set_chunked_content_provider(type, [stream](std::size_t, httplib::DataSink& sink) {
-    return succeeds([&] {
-      std::string piece(std::min<std::uint64_t>(kPieceBytes, stream->part.length - stream->at), '\0');
-      const std::size_t n = stream->part.content.read_at(stream->part.offset + stream->at, piece);
-      if (n == 0) return false;
-      stream->at += n;
-      const bool last = stream->at == stream->part.length;
-      const std::string packed = stream->packer->feed({piece.data(), n}, last);
-      const bool good = packed.empty() || sink.write(packed.data(), packed.size());
-      if (last) sink.done();
-      return good;
-    });
-  });
+bool send_events(const api::EventSource& next, const std::function<bool()>& stopping, Chunks chunks) {
+  for (bool more = true; more;) {
+    std::string piece;
+    more = !stopping() && next(piece);
+    if (!chunks.write(piece)) return false;
+  }
+  return chunks.end();
 }
 
 }  // namespace
 
-// Takes in what the client still sends, for a while: a socket closed with unread bytes makes the client's side drop the
-// answer that says why.
-Close lingering(const httplib::ContentReader* reader) {
-  if (reader == nullptr) return [] {};
-  return [reader = *reader] {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(2);
-    try {
-      reader([end](const char*, std::size_t) { return std::chrono::steady_clock::now() < end; });
-    } catch (...) {
-      // The connection is closed in any case.
-    }
-  };
+std::string head_text(int status, const std::vector<std::pair<std::string, std::string>>& fields) {
+  std::string text = "HTTP/1.1 " + std::to_string(status) + " " + std::string(reason(status)) + "\r\n";
+  for (const auto& [name, value] : fields) text += name + ": " + value + "\r\n";
+  return text + "\r\n";
 }
 
-void send(Response&& answer, ReplyOptions options, httplib::Response& response) {
-  const Close& close = options.close;
-  response.status = answer.status;
+bool send(Response&& answer, const ReplyOptions& options, Connection& connection) {
   const std::string type(answer.header("Content-Type"));
   auto* part = std::get_if<api::ContentPart>(&answer.body);
   auto* text = std::get_if<std::string>(&answer.body);
-  const bool whole = answer.status >= 200 && answer.status != 204 && answer.status != 206 && answer.status != 304;
-  const bool packable = compressible(type) && whole && !close;
+  auto* events = std::get_if<api::EventSource>(&answer.body);
+  const bool bodiless = answer.status == 204 || answer.status == 304;
+  const bool packable = compressible(type) && answer.status >= 200 && !bodiless && answer.status != 206;
   const bool packed = options.encoding != Encoding::identity && packable &&
                       ((text != nullptr && text->size() >= kWorthCompressing) ||
                        (part != nullptr && part->length >= kWorthCompressing));
   for (auto& [name, value] : answer.headers) {
-    if (name == "Content-Type") continue;
     if (name == "ETag") {
       const std::string other = packed_tag(value, options.encoding);
       // What is not modified is what the client has: the form that it would get again.
       if (packed || (answer.status == 304 && options.known_tags.find(other) != std::string::npos)) value = other;
     }
     if (packed && name == "Accept-Ranges") value = "none";
-    response.set_header(name, value);
   }
-  if (packed) response.set_header("Content-Encoding", std::string(name(options.encoding)));
-  if (packable) response.set_header("Vary", "Accept-Encoding");
-  if (answer.header("Accept-Ranges").empty()) response.set_header("Accept-Ranges", "none");
-  if (close) response.set_header("Connection", "close");
+  if (packed) answer.set("Content-Encoding", std::string(name(options.encoding)));
+  if (packable) answer.set("Vary", "Accept-Encoding");
+  if (answer.header("Accept-Ranges").empty()) answer.set("Accept-Ranges", "none");
+  if (packed && text != nullptr) *text = make_packer(options.encoding)->feed(*text, true);
 
-  if (auto* source = std::get_if<api::EventSource>(&answer.body)) {
-    response.set_chunked_content_provider(
-        type,
-        [stopping = std::move(options.stopping), next = std::move(*source)](std::size_t, httplib::DataSink& sink) {
-          return succeeds([&] {
-            std::string piece;
-            const bool more = !stopping() && next(piece);
-            const bool good = piece.empty() || sink.write(piece.data(), piece.size());
-            if (!more) sink.done();
-            return good;
-          });
-        },
-        [streamed = std::move(options.streamed)](bool) { streamed(); });
-  } else if (part != nullptr && part->length > 0) {
-    packed ? set_packed_part(response, std::move(*part), type, options.encoding)
-           : set_part(response, std::move(*part), type);
-  } else if (text != nullptr && !text->empty()) {
-    set_text(response, packed ? make_packer(options.encoding)->feed(*text, true) : std::move(*text), type, close);
-  } else if (!type.empty()) {
-    response.set_header("Content-Type", type);
+  const bool in_chunks = events != nullptr || (packed && part != nullptr);
+  const bool framed = in_chunks && !connection.head().version_1_0;
+  if (framed) answer.set("Transfer-Encoding", "chunked");
+  if (!in_chunks && !bodiless) {
+    answer.set("Content-Length", std::to_string(part != nullptr ? part->length : text->size()));
+  }
+  const bool closes = options.keep_alive.empty() || in_chunks != framed;
+  answer.set("Connection", closes ? "close" : "keep-alive");
+  if (!closes) answer.set("Keep-Alive", options.keep_alive);
+  connection.hold(head_text(answer.status, answer.headers));
+
+  if (connection.head().method == "HEAD" || bodiless) return connection.write({});
+  try {
+    if (events != nullptr) return send_events(*events, options.stopping, {connection, framed});
+    if (part == nullptr) return connection.write(*text);
+    return packed ? send_packed(*part, options.encoding, {connection, framed}) : send_part(*part, connection);
+  } catch (...) {
+    // Too late to say why: a connection that is closed before the end that was announced tells the client.
+    return false;
   }
 }
 

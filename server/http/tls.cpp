@@ -38,6 +38,11 @@ class TlsTransport final : public Transport {
   ssize_t write(const char* from, std::size_t size, bool /*more*/) override {
     return result([&] { return SSL_write(tls_.get(), from, most(size)); });
   }
+  void end_writing() override {
+    ERR_clear_error();
+    if (SSL_is_init_finished(tls_.get()) != 0) SSL_shutdown(tls_.get());
+    Transport::end_writing();
+  }
 
  private:
   static int most(std::size_t size) {

@@ -59,6 +59,8 @@ ssize_t Transport::write_file(int file, std::uint64_t offset, std::size_t size) 
   return n > 0 ? write(piece.data(), static_cast<std::size_t>(n), false) : broken;
 }
 
+void Transport::end_writing() { ::shutdown(socket(), SHUT_WR); }
+
 std::unique_ptr<Transport> plain_transport(int socket) { return std::make_unique<PlainTransport>(socket); }
 
 }  // namespace spherule::server

@@ -30,6 +30,8 @@ class Transport {
   virtual ssize_t write(const char* from, std::size_t size, bool more) = 0;
   /// As write(), with bytes of a file from `offset` on. This one reads them and writes them.
   virtual ssize_t write_file(int file, std::uint64_t offset, std::size_t size);
+  /// Tells the peer that nothing more will be written. It may still be read.
+  virtual void end_writing();
 
  protected:
   Transport() = default;

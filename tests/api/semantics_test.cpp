@@ -114,9 +114,25 @@ TEST_F(Semantics, AllowOriginsOfTheList) {
   };
   const Response plain = api::with_cors(allowed, asked("GET", "https://b.example", false), answer);
   EXPECT_EQ(plain.header("Access-Control-Allow-Origin"), "https://b.example");
-  for (const char* name : {"ETag", "Location", "Link", "Retry-After"}) {
-    EXPECT_NE(plain.header("Access-Control-Expose-Headers").find(name), std::string_view::npos) << name;
+  const std::string exposed = ", " + std::string(plain.header("Access-Control-Expose-Headers")) + ",";
+  for (const char* name : {"ETag", "Location", "Link", "Retry-After", "Allow", "Content-Range", "WWW-Authenticate"}) {
+    EXPECT_NE(exposed.find(", " + std::string(name) + ","), std::string::npos) << name;
   }
+  // All that the contract knows of.
+  std::string_view contract = api::contract();
+  contract.remove_prefix(contract.find("\ncomponents:\n"));
+  contract.remove_prefix(contract.find("\n  headers:\n") + 12);
+  std::size_t headers = 0;
+  for (std::string_view line; line.empty() || line.starts_with("    ");) {
+    if (line.size() > 5 && line[4] != ' ') {
+      ++headers;
+      EXPECT_NE(exposed.find(", " + std::string(line.substr(4, line.find(':') - 4)) + ","), std::string::npos) << line;
+    }
+    line = contract.substr(0, contract.find('\n'));
+    contract.remove_prefix(std::min(line.size() + 1, contract.size()));
+    if (contract.empty()) break;
+  }
+  EXPECT_GE(headers, 10U);
   EXPECT_EQ(plain.header("Vary"), "Origin");
   const Response preflight = api::with_cors(allowed, asked("OPTIONS", "https://a.example", true), answer);
   EXPECT_EQ(preflight.status, 204);

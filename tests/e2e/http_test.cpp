@@ -62,7 +62,8 @@ TEST_F(Http, SendsSeveralRangesAtOnce) {
   EXPECT_EQ(parts.body, expected + mark + "--\r\n");
   EXPECT_EQ(client.get(path, {.headers = {{"Range", "bytes=0-9999,0-9999"}}}).body, whole.body);
   // A method that is none here, with a Range that would fit: the problem comes whole.
-  const std::string refused = client.raw("TRACE " + path + " HTTP/1.1\r\nHost: s\r\nRange: bytes=0-9999\r\n\r\n");
+  const std::string refused =
+      client.raw("TRACE " + path + " HTTP/1.1\r\nHost: localhost\r\nRange: bytes=0-9999\r\n\r\n");
   const std::size_t body = refused.find("\r\n\r\n");
   ASSERT_NE(body, refused.npos) << refused;
   EXPECT_TRUE(refused.starts_with("HTTP/1.1 405 ")) << refused;
@@ -137,7 +138,7 @@ TEST_F(Http, PacksTextForThoseWhoTakeIt) {
 
 TEST_F(Http, CountsChunkedBodies) {
   const auto chunked = [&](std::size_t bytes) {
-    std::string request = "POST " + raw + " HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n";
+    std::string request = "POST " + raw + " HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n";
     const std::string piece = ball(24, 11.5);
     for (std::size_t sent = 0; sent < bytes; sent += piece.size()) request += "3600\r\n" + piece + "\r\n";
     return client.raw(request + "0\r\n\r\n");
@@ -147,7 +148,7 @@ TEST_F(Http, CountsChunkedBodies) {
 }
 
 TEST_F(Http, RefusesLargeBodiesBeforeTheyAreSent) {
-  const std::string head = "POST " + raw + " HTTP/1.1\r\nHost: x\r\nContent-Length: 999999999\r\n";
+  const std::string head = "POST " + raw + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 999999999\r\n";
   const std::string expecting = client.raw(head + "Expect: 100-continue\r\n\r\n");
   EXPECT_EQ(expecting.substr(0, 12), "HTTP/1.1 413");
   EXPECT_NE(expecting.find("application/problem+json"), std::string::npos);
@@ -156,7 +157,7 @@ TEST_F(Http, RefusesLargeBodiesBeforeTheyAreSent) {
   EXPECT_EQ(sending.substr(0, 12), "HTTP/1.1 413") << "the answer arrives although the client is still sending";
   EXPECT_LT(Clock::now() - start, std::chrono::seconds(10));
   const std::string fine = client.raw("POST " + raw +
-                                      " HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\n"
+                                      " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4\r\n"
                                       "Expect: 100-continue\r\n\r\nabcd");
   EXPECT_EQ(fine.substr(0, 12), "HTTP/1.1 100");
 }
@@ -165,8 +166,8 @@ TEST_F(Http, RefusesBodiesOfUnclearLength) {
   for (const char* headers :
        {"Content-Length: 4\r\nTransfer-Encoding: chunked\r\n", "Content-Length: 4\r\nContent-Length: 5\r\n",
         "Content-Length: -1\r\n", "Content-Length: 4x\r\n", "Transfer-Encoding: gzip, chunked\r\n"}) {
-    const std::string answer =
-        client.raw("POST " + raw + " HTTP/1.1\r\nHost: x\r\n" + headers + "\r\nGET /livez HTTP/1.1\r\nHost: x\r\n\r\n");
+    const std::string answer = client.raw("POST " + raw + " HTTP/1.1\r\nHost: localhost\r\n" + headers +
+                                          "\r\nGET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n");
     EXPECT_EQ(answer.substr(0, 12), "HTTP/1.1 400") << headers;
     EXPECT_EQ(answers(answer), 1U) << "what follows is not taken for a request: " << answer;
   }
@@ -175,7 +176,7 @@ TEST_F(Http, RefusesBodiesOfUnclearLength) {
 TEST_F(Http, ForgetsUploadsThatBreakOff) {
   for (const char* end : {"Content-Length: 13824\r\n\r\nabc", "Transfer-Encoding: chunked\r\n\r\n5\r\nab"}) {
     // This client goes away after a second of silence.
-    client.raw("POST " + raw + " HTTP/1.1\r\nHost: x\r\n" + end, 1);
+    client.raw("POST " + raw + " HTTP/1.1\r\nHost: localhost\r\n" + end, 1);
   }
   EXPECT_TRUE(client.get("/v1/volumes").json()["volumes"].empty());
   // Its connections end with the server at the latest, and with them what had arrived.
@@ -188,19 +189,20 @@ TEST_F(Http, ForgetsUploadsThatBreakOff) {
 }
 
 TEST_F(Http, NeverTakesABodyForARequest) {
-  const std::string smuggled = "GET /version HTTP/1.1\r\nHost: x\r\n\r\n";
+  const std::string smuggled = "GET /version HTTP/1.1\r\nHost: localhost\r\n\r\n";
   const std::string length = "Content-Length: " + std::to_string(smuggled.size()) + "\r\n";
   for (const std::string line :
        {"GET /livez", "HEAD /livez", "DELETE /v1/models/none", "POST /nothing", "PUT /v1/models"}) {
-    const std::string answer = client.raw(line + " HTTP/1.1\r\nHost: x\r\n" + length + "\r\n" + smuggled);
+    const std::string answer = client.raw(line + " HTTP/1.1\r\nHost: localhost\r\n" + length + "\r\n" + smuggled);
     EXPECT_EQ(answers(answer), 1U) << line << "\n" << answer;
   }
 }
 
 TEST_F(Http, WaitsForNoBodyThatIsNotAnnounced) {
   const auto start = Clock::now();
-  EXPECT_EQ(client.raw("POST /v1/jobs/none/cancel HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").substr(0, 12),
-            "HTTP/1.1 404");
+  EXPECT_EQ(
+      client.raw("POST /v1/jobs/none/cancel HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").substr(0, 12),
+      "HTTP/1.1 404");
   EXPECT_LT(Clock::now() - start, std::chrono::seconds(3));
 }
 
@@ -208,8 +210,8 @@ TEST_F(Http, AnswersNonsenseWithProblems) {
   for (const std::string& request :
        {std::string("nonsense\r\n\r\n"), std::string("GET /livez HTTP/9.9\r\n\r\n"),
         std::string("BREW / HTTP/1.1\r\n\r\n"), "GET /" + std::string(9000, 'a') + " HTTP/1.1\r\n\r\n",
-        "GET /" + std::string(5000, 'a') + " HTTP/1.1\r\n\r\n", std::string("TRACE / HTTP/1.1\r\nHost: x\r\n\r\n"),
-        std::string("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"),
+        "GET /" + std::string(5000, 'a') + " HTTP/1.1\r\n\r\n",
+        std::string("TRACE / HTTP/1.1\r\nHost: localhost\r\n\r\n"), std::string("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"),
         std::string("PRI / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n")}) {
     const std::string answer = client.raw(request);
     EXPECT_EQ(answer.substr(0, 10), "HTTP/1.1 4") << request.substr(0, 40);
@@ -221,7 +223,8 @@ TEST_F(Http, AnswersNonsenseWithProblems) {
 }
 
 TEST_F(Http, KeepsConnectionsAliveAfterErrors) {
-  const std::string answers = client.raw("POST /v1/volumes?x=1 HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\n\r\nhello");
+  const std::string answers =
+      client.raw("POST /v1/volumes?x=1 HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello");
   EXPECT_EQ(answers.substr(0, 12), "HTTP/1.1 400");
   EXPECT_NE(answers.find("Keep-Alive"), std::string::npos) << "the small body was read to its end";
   EXPECT_EQ(answers.find("Connection: close"), std::string::npos);

@@ -50,7 +50,7 @@ TEST_F(Uploads, GoOnAfterBreaksAndRestarts) {
   const std::string id = upload.substr(upload.rfind('/') + 1);
   EXPECT_EQ(offset(upload), 0U);
   // The client goes away in the middle of a piece.
-  client().raw("PATCH " + upload + " HTTP/1.1\r\nHost: x\r\nUpload-Offset: 0\r\nContent-Type: " + kPiece +
+  client().raw("PATCH " + upload + " HTTP/1.1\r\nHost: localhost\r\nUpload-Offset: 0\r\nContent-Type: " + kPiece +
                    "\r\nContent-Length: 13824\r\n\r\n" + bytes.substr(0, 5000),
                1);
   EXPECT_EQ(client().post("/v1/volumes?" + raw + "&upload=" + id).status, 409) << "bytes are missing";

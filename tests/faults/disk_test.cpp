@@ -105,7 +105,8 @@ TEST_F(MountedDisk, FullRefusesWhatDoesNotFitAndGoesOn) {
   const std::string query = "?format=raw&dims=100,1024,1024&dtype=uint8";
   expect_says(client().post("/v1/volumes" + query, {.body = large}), 507, "full");
   // The same without saying so beforehand.
-  std::string chunked = "POST /v1/volumes" + query + " HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n";
+  std::string chunked =
+      "POST /v1/volumes" + query + " HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n";
   chunked += "6400000\r\n" + large + "\r\n0\r\n\r\n";
   EXPECT_TRUE(client().raw(chunked).starts_with("HTTP/1.1 507"));
   EXPECT_TRUE(fs::is_empty(data / "blobs" / ".tmp")) << "nothing is left of it";

@@ -9,6 +9,7 @@
 #include <limits>
 #include <sstream>
 
+#include "server/upload.h"
 #include "tests/server/doubles.h"
 
 namespace spherule::server {
@@ -261,6 +262,30 @@ TEST(FileBlobStoreStart, AFileInTheWayIsReported) {
   const test::TemporaryFolder folder;
   std::ofstream(folder.path() / "blobs") << "x";
   EXPECT_EQ(error_of([&] { FileBlobStore store(folder.path() / "blobs"); }), ErrorCode::corrupt);
+}
+
+// A zip of a thousand slices has a thousand files.
+TEST(FileUpload, HoldsOneDescriptorForAnyNumberOfFiles) {
+  const test::TemporaryFolder folder;
+  FileBlobStore store(folder.path() / "blobs");
+  FileUpload upload(store, any_size, 0);
+  const auto descriptors = [] {
+    return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
+  };
+  const auto before = descriptors();
+  for (int i = 0; i < 100; ++i) {
+    upload.begin_file("slice-" + std::to_string(1000 + i));
+    upload.write("first");
+    upload.write("second");
+  }
+  EXPECT_LE(descriptors(), before + 1);
+  std::vector<std::string> keys;
+  for (FileUpload::File& file : upload.files()) {
+    file.staging->append("third");  // after a rest
+    keys.push_back(file.staging->commit("volumes/vol_1-" + std::to_string(keys.size())));
+    EXPECT_EQ(store.read(keys.back()), "firstsecondthird");
+  }
+  EXPECT_LE(descriptors(), before);
 }
 
 }  // namespace

@@ -3,13 +3,8 @@
 // Connections that are idle, slow or too many, on real sockets, with short times.
 #include "server/listener.h"
 
-#include <arpa/inet.h>
 #include <gtest/gtest.h>
-#include <poll.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
-#include <array>
 #include <chrono>
 #include <latch>
 #include <memory>
@@ -17,51 +12,16 @@
 #include <thread>
 #include <vector>
 
+#include "core/base/error.h"
+#include "tests/sockets.h"
+
 namespace spherule::server {
 namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-class Socket {
- public:
-  explicit Socket(int port) : socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(port));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  }
-  Socket(Socket&& other) noexcept : socket_(std::exchange(other.socket_, -1)) {}
-  Socket& operator=(Socket&&) = delete;
-  ~Socket() {
-    if (socket_ >= 0) ::close(socket_);
-  }
-  bool send(std::string_view text) const {
-    return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(text.size());
-  }
-  // What comes until `end` is in it, the server closes, or the patience is over.
-  std::string receive(std::string_view end, std::chrono::milliseconds patience = 5s) const {
-    std::string text;
-    const auto last = Clock::now() + patience;
-    while (text.find(end) == text.npos) {
-      pollfd what{.fd = socket_, .events = POLLIN, .revents = 0};
-      const auto left = std::chrono::ceil<std::chrono::milliseconds>(last - Clock::now());
-      if (left <= 0ms || ::poll(&what, 1, static_cast<int>(left.count())) <= 0) break;
-      std::array<char, 4096> piece{};
-      const ssize_t n = ::recv(socket_, piece.data(), piece.size(), 0);
-      if (n <= 0) return text + "<closed>";
-      text.append(piece.data(), static_cast<std::size_t>(n));
-    }
-    return text;
-  }
-  bool closed_within(std::chrono::milliseconds patience) const {
-    return receive("<never>", patience).find("<closed>") != std::string::npos;
-  }
-
- private:
-  int socket_;
-};
+using test::Socket;
 
 const std::string kGet = "GET /short HTTP/1.1\r\nHost: x\r\n\r\n";
 
@@ -69,19 +29,26 @@ class ListenerTest : public testing::Test {
  protected:
   void start(ConnectionLimits limits) {
     ListenerOptions options;
-    options.max_body_bytes = 1 << 20;
     options.connections = limits;
-    listener.emplace(options, [this](const api::Request& request) {
+    const auto admit = [](const api::Request& request) -> std::optional<api::Response> {
+      if (request.path != "/refused") return {};
+      api::Response refused{.status = 401, .body = "no."};
+      refused.set("Content-Type", "text/plain");
+      return refused;
+    };
+    const auto answer = [this](const api::Request& request) {
       if (request.path == "/body") request.body->read(1 << 20, [](std::string_view) {});
       if (request.path == "/block") {
         if (blocked) blocked->count_down();
         if (release) release->wait();
       }
+      if (request.path == "/large") return api::Response{.status = 200, .body = std::string(64 << 20, 'x')};
       api::Response response{.status = 200, .body = "answer to " + request.path + "."};
       response.set("Content-Type", "text/plain");
       response.set("X-Request-Id", request.id);
       return response;
-    });
+    };
+    listener.emplace(options, Listener::Handlers{.answer = answer, .admit = admit});
     thread = std::jthread([this] { listener->run(); });
   }
   ~ListenerTest() override {
@@ -151,7 +118,7 @@ TEST_F(ListenerTest, EndsHeadsThatTakeTooLong) {
 }
 
 TEST_F(ListenerTest, RefusesEndlessHeads) {
-  start({.head_bytes = 2000});
+  start({.head_size = {.bytes = 2000}});
   const Socket socket = connect();
   ASSERT_TRUE(socket.send("GET /short HTTP/1.1\r\nX: " + std::string(7000, 'x')));
   EXPECT_EQ(socket.receive("}").substr(0, 12), "HTTP/1.1 431");
@@ -216,6 +183,100 @@ TEST_F(ListenerTest, GrowsThreadsWithRequestsThatBlock) {
   release->count_down();
   for (const Socket& socket : sockets) {
     EXPECT_NE(socket.receive("/block.").find("200 OK"), std::string::npos);
+  }
+}
+
+TEST_F(ListenerTest, RefusesBeforeTheBody) {
+  start({.threads = 4});
+  for (const char* framing : {"Content-Length: 500000\r\n", "Transfer-Encoding: chunked\r\n",
+                              "Content-Length: 9\r\nExpect: 100-continue\r\n"}) {
+    const Socket socket = connect();
+    ASSERT_TRUE(socket.send("POST /refused HTTP/1.1\r\nHost: x\r\n" + std::string(framing) + "\r\n"));
+    const std::string answer = socket.receive("no.");
+    EXPECT_TRUE(answer.starts_with("HTTP/1.1 401")) << framing << answer;
+  }
+  // A short body that was announced is dropped, and the connection lives on.
+  const Socket socket = connect();
+  ASSERT_TRUE(socket.send("POST /refused HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\n\r\n"));
+  EXPECT_NE(socket.receive("no.").find("Keep-Alive"), std::string::npos);
+  ASSERT_TRUE(socket.send("hello" + kGet));
+  EXPECT_NE(socket.receive("/short.").find("200 OK"), std::string::npos);
+}
+
+TEST_F(ListenerTest, BodiesThatDoNotComeCostNoThread) {
+  start({.threads = 2});
+  std::vector<Socket> slow;
+  for (int i = 0; i < 60; ++i) {
+    slow.push_back(connect());
+    const char* framing = i % 2 == 0 ? "Transfer-Encoding: chunked\r\n\r\n" : "Content-Length: 1000\r\n\r\nabc";
+    ASSERT_TRUE(slow.back().send("POST /body HTTP/1.1\r\nHost: x\r\n" + std::string(framing)));
+  }
+  wait_for_open(60);
+  for (int i = 0; i < 10; ++i) EXPECT_LT(time_of_get(), 2);
+  EXPECT_EQ(listener->load().answering, 0U);
+  ASSERT_TRUE(slow[0].send("3\r\nabc\r\n0\r\n\r\n"));
+  EXPECT_NE(slow[0].receive("/body.").find("200 OK"), std::string::npos) << "nor are they forgotten";
+}
+
+TEST_F(ListenerTest, WhoKeepsThreadsWaitingMakesWayForOthers) {
+  start({.threads = 4});
+  std::vector<Socket> slow;
+  for (int i = 0; i < 12; ++i) {
+    slow.push_back(connect());
+    // More than arrives before a thread takes it up, and then nothing.
+    ASSERT_TRUE(slow.back().send("POST /body HTTP/1.1\r\nHost: x\r\nContent-Length: 500000\r\n\r\n" +
+                                 std::string(100'000, 'x')));
+  }
+  const auto end = Clock::now() + 5s;
+  while (listener->load().answering < 4 && Clock::now() < end) std::this_thread::yield();
+  for (int i = 0; i < 3; ++i) EXPECT_LT(time_of_get(), 3) << "all threads were waiting for slow bodies";
+}
+
+TEST_F(ListenerTest, ReadersThatStopReadingMakeWay) {
+  start({.threads = 2});
+  std::vector<Socket> slow;
+  for (int i = 0; i < 4; ++i) {
+    slow.push_back(connect());
+    ASSERT_TRUE(slow.back().send("GET /large HTTP/1.1\r\nHost: x\r\n\r\n"));
+  }
+  const auto end = Clock::now() + 5s;
+  while (listener->load().answering < 2 && Clock::now() < end) std::this_thread::yield();
+  EXPECT_LT(time_of_get(), 3);
+}
+
+TEST_F(ListenerTest, AnswersAboutItsHealthWhenAllThreadsWork) {
+  blocked = std::make_unique<std::latch>(2);
+  release = std::make_unique<std::latch>(1);
+  start({.threads = 2});
+  const Socket one = connect(), other = connect(), waiting = connect(), health = connect();
+  ASSERT_TRUE(one.send("GET /block HTTP/1.1\r\nHost: x\r\n\r\n"));
+  ASSERT_TRUE(other.send("GET /block HTTP/1.1\r\nHost: x\r\n\r\n"));
+  blocked->wait();
+  ASSERT_TRUE(waiting.send(kGet));
+  for (const std::string path : {"/livez", "/readyz", "/metrics?x=1"}) {
+    ASSERT_TRUE(health.send("GET " + path + " HTTP/1.1\r\nHost: x\r\n\r\n"));
+    EXPECT_NE(health.receive("answer to /").find("200 OK"), std::string::npos) << path;
+  }
+  EXPECT_EQ(waiting.receive("/short.", 50ms), "") << "others wait for a thread";
+  release->count_down();
+  EXPECT_NE(waiting.receive("/short.").find("200 OK"), std::string::npos);
+}
+
+TEST_F(ListenerTest, SmugglesNoSecondRequest) {
+  start({});
+  const std::string second = "GET /second HTTP/1.1\r\nHost: x\r\n\r\n";
+  const std::string start = "POST /body HTTP/1.1\r\nHost: x\r\n", chunked = start + "Transfer-Encoding: chunked\r\n";
+  for (const std::string& first :
+       {start + "Content-Length : 0\r\n\r\n", start + "A: b\r\n c: d\r\n\r\n", start + "A: b\n\n",
+        start + "A: b\rC: d\r\n\r\n", start + std::string("A: b\0\r\n\r\n", 9), chunked + "\r\n5\nhello\r\n0\r\n\r\n",
+        chunked + "\r\n5\r\nhelloXX0\r\n\r\n", chunked + "Content-Length: 3\r\n\r\n0\r\n\r\n",
+        start + "Host: y\r\n\r\n", std::string("GET /short HTTP/1.1\r\n\r\n")}) {
+    const Socket socket = connect();
+    ASSERT_TRUE(socket.send(first + second));
+    const std::string all = socket.receive("<never>", 3s);
+    EXPECT_EQ(all.find("/second"), std::string::npos) << first << "\n" << all;
+    EXPECT_NE(all.find("<closed>"), std::string::npos) << first;
+    EXPECT_EQ(all.find("200 OK"), std::string::npos) << first << "\n" << all;
   }
 }
 
