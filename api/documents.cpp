@@ -7,6 +7,7 @@
 #include <ctime>
 #include <nlohmann/json.hpp>
 
+#include "api/label_json.h"
 #include "api/problem.h"
 #include "api/requests.h"
 #include "api/stored_json.h"
@@ -123,7 +124,7 @@ Json rule_json(const ObjectRule& rule) {
   switch (rule.kind) {
     case ObjectRule::Kind::threshold: json["threshold"] = rule.lo; break;
     case ObjectRule::Kind::range: json["range"] = {rule.lo, rule.hi}; break;
-    case ObjectRule::Kind::labels: json["labels"] = rule.labels; break;
+    case ObjectRule::Kind::labels: json["labels"] = labels_json(rule.labels); break;
   }
   json["inside"] = side_name(rule.side);
   json["border"] = border_name(rule.border);

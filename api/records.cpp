@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/documents.h"
+#include "api/label_json.h"
 #include "api/requests.h"
 #include "api/stored_json.h"
 #include "core/render/options.h"
@@ -74,7 +75,7 @@ Json to_json(const ModelRequest& request) {
   switch (rule.kind) {
     case ObjectRule::Kind::threshold: json["threshold"] = rule.lo + 0.0; break;
     case ObjectRule::Kind::range: json["range"] = {rule.lo + 0.0, rule.hi + 0.0}; break;
-    case ObjectRule::Kind::labels: json["labels"] = rule.labels; break;
+    case ObjectRule::Kind::labels: json["labels"] = labels_json(rule.labels); break;
   }
   return json;
 }
@@ -91,7 +92,10 @@ ModelRequest model_request_from_json(const Json& json) {
     request.rule.hi = json.at("range").at(1);
   } else {
     request.rule.kind = ObjectRule::Kind::labels;
-    request.rule.labels = json.at("labels").get<std::vector<std::int64_t>>();
+    for (const Json& label : json.at("labels")) {
+      request.rule.labels.push_back(label.is_number_unsigned() ? Label{label.get<std::uint64_t>()}
+                                                               : Label{label.get<std::int64_t>()});
+    }
   }
   return request;
 }

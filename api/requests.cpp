@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/documents.h"
+#include "api/label_json.h"
 #include "api/problem.h"
 #include "core/render/options.h"
 
@@ -329,15 +330,29 @@ std::string text_of(double value) {
   return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value + 0.0).ptr};  // -0 is 0
 }
 
-std::vector<std::int64_t> labels_of(std::string_view text) {
-  std::vector<std::int64_t> labels;
+std::vector<Label> labels_of(std::string_view text) {
+  std::vector<Label> labels;
   bool good = true;
   split(text, ',', [&](std::string_view word) {
-    const auto label = parse_number<std::int64_t>(word);
+    const auto label = parse_label(word);
     good = good && label && labels.size() < 65536;
     if (good) labels.push_back(*label);
   });
   if (!good || labels.empty()) refuse("labels", "Give whole numbers with commas between.");
+  std::ranges::sort(labels);
+  labels.erase(std::ranges::unique(labels).begin(), labels.end());
+  return labels;
+}
+
+// Numbers, or strings of digits, which keep what a client's floating numbers would round. None unless all are right.
+std::vector<Label> labels_of(const Json& array) {
+  std::vector<Label> labels;
+  if (!array.is_array() || array.size() > 65536) return {};
+  for (const Json& j : array) {
+    const std::optional<Label> label = j.is_string() ? parse_label(j.get_ref<const std::string&>()) : label_from(j);
+    if (!label) return {};
+    labels.push_back(*label);
+  }
   std::ranges::sort(labels);
   labels.erase(std::ranges::unique(labels).begin(), labels.end());
   return labels;
@@ -431,7 +446,7 @@ std::string query_of(const SliceRequest& request) {
       case ObjectRule::Kind::range: texts.emplace_back("range", text_of(rule.lo) + "," + text_of(rule.hi)); break;
       case ObjectRule::Kind::labels: {
         std::string list;
-        for (const std::int64_t label : rule.labels) list += (list.empty() ? "" : ",") + std::to_string(label);
+        for (const Label label : rule.labels) list += (list.empty() ? "" : ",") + to_text(label);
         texts.emplace_back("labels", list);
         break;
       }
@@ -497,16 +512,10 @@ ModelWish model_wish(std::string_view text) {
       }
     } else if (key == "labels") {
       ++objects;
-      const auto label = [](const Json& j) {
-        return j.is_number_integer() && !(j.is_number_unsigned() && j.get<std::uint64_t>() >> 63);
-      };
-      if (value.is_array() && !value.empty() && value.size() <= 65536 && std::ranges::all_of(value, label)) {
-        wish.rule.kind = ObjectRule::Kind::labels;
-        wish.rule.labels = value.get<std::vector<std::int64_t>>();
-        std::ranges::sort(wish.rule.labels);
-        wish.rule.labels.erase(std::ranges::unique(wish.rule.labels).begin(), wish.rule.labels.end());
-      } else {
-        errors.push_back({"/labels", "Give an array of whole numbers."});
+      wish.rule.kind = ObjectRule::Kind::labels;
+      wish.rule.labels = labels_of(value);
+      if (wish.rule.labels.empty()) {
+        errors.push_back({"/labels", "Give an array of whole numbers from -2^63 to 2^64 - 1, large ones as strings."});
       }
     } else if (key == "inside") {
       wish.side_given = value == "above" || value == "below";

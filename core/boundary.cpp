@@ -24,6 +24,7 @@ class CrossedEdges {
   CrossedEdges(const InsideSamples& samples, Border border)
       : inside_(samples.inside),
         above_(samples.above),
+        not_finite_(samples.not_finite),
         closed_(border == Border::closed),
         first_(closed_ ? -1 : 0),
         outside_(samples.inside.words_per_row(), 0) {}
@@ -44,6 +45,13 @@ class CrossedEdges {
  private:
   std::size_t extent(std::size_t axis) const { return static_cast<std::size_t>(inside_.dims()[axis] - first_); }
   bool has_range() const { return above_.words_per_row() != 0; }
+  // The samples of a word without a finite value, and the edges along the row that touch one.
+  std::uint64_t gaps(std::int32_t j, std::int32_t k, std::size_t w) const {
+    return w < not_finite_.words_per_row() ? not_finite_.row(j, k)[w] : 0;
+  }
+  std::uint64_t edges_at_gaps(std::int32_t j, std::int32_t k, std::size_t w) const {
+    return gaps(j, k, w) | gaps(j, k, w) >> 1 | gaps(j, k, w + 1) << 63;
+  }
   bool in_grid(std::int32_t j, std::int32_t k) const {
     return j >= 0 && k >= 0 && j < inside_.dims()[1] && k < inside_.dims()[2];
   }
@@ -66,7 +74,8 @@ class CrossedEdges {
       const std::uint64_t within = left > 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << (left - 1)) - 1;
       const std::uint64_t differ = changes(inside, w);
       const std::uint64_t once = closed_ ? differ : differ & within;
-      const std::uint64_t twice = has_range() ? changes(above_.row(j, k), w) & ~differ & within : 0;
+      const std::uint64_t twice =
+          has_range() ? changes(above_.row(j, k), w) & ~differ & within & ~edges_at_gaps(j, k, w) : 0;
       if (once | twice) words(0, static_cast<std::int32_t>(64 * w), j, k, once, twice);
     }
   }
@@ -78,13 +87,16 @@ class CrossedEdges {
     const auto a = row_of(inside_, j, k), b = row_of(inside_, j2, k2);
     for (std::size_t w = 0; w < a.size(); ++w) {
       const std::uint64_t once = a[w] ^ b[w];
-      const std::uint64_t twice = within && has_range() ? (above_.row(j, k)[w] ^ above_.row(j2, k2)[w]) & ~once : 0;
+      const std::uint64_t twice = within && has_range() ? (above_.row(j, k)[w] ^ above_.row(j2, k2)[w]) & ~once &
+                                                              ~(gaps(j, k, w) | gaps(j2, k2, w))
+                                                        : 0;
       if (once | twice) words(axis, static_cast<std::int32_t>(64 * w), j, k, once, twice);
     }
   }
 
   const SampleBits& inside_;
   const SampleBits& above_;
+  const SampleBits& not_finite_;
   bool closed_;
   std::int32_t first_;
   std::vector<std::uint64_t> outside_;
@@ -108,9 +120,11 @@ class CrossingPlacer {
     const auto [pa, pb] = ends(axis, from);
     const auto n = volume_.grid.dims[static_cast<std::size_t>(axis)];
     const auto at = from[static_cast<std::size_t>(axis)];
-    // Labels have no values in between, and samples beyond the border have none at all: half way.
-    if (rule_.kind == ObjectRule::Kind::labels || at < 0 || at + 1 >= n) return place(axis, from, pa + (pb - pa) / 2);
+    // Labels have no values in between, samples beyond the border and those that are not finite have none: half way.
+    const LatticePoint half_way = place(axis, from, pa + (pb - pa) / 2);
+    if (rule_.kind == ObjectRule::Kind::labels || at < 0 || at + 1 >= n) return half_way;
     const auto [a, b] = values(axis, from);
+    if (!std::isfinite(a) || !std::isfinite(b)) return half_way;
     double iso = rule_.lo;
     if (rule_.kind == ObjectRule::Kind::range && std::max(a, b) > rule_.hi) iso = rule_.hi;
     return place(axis, from, crossing_coordinate(a, b, iso, pa, pb));
@@ -134,13 +148,7 @@ class CrossingPlacer {
   std::array<double, 2> values(int axis, std::array<std::int32_t, 3> from) const {
     auto to = from;
     ++to[static_cast<std::size_t>(axis)];
-    const double a = value_at(volume_, from[0], from[1], from[2]), b = value_at(volume_, to[0], to[1], to[2]);
-    if (!std::isfinite(a) || !std::isfinite(b)) {
-      throw Error(ErrorCode::unusable,
-                  "The object's surface passes next to a voxel that is NaN or infinite; replace such voxels by a "
-                  "background value and upload again.");
-    }
-    return {a, b};
+    return {value_at(volume_, from[0], from[1], from[2]), value_at(volume_, to[0], to[1], to[2])};
   }
   LatticePoint place(int axis, std::array<std::int32_t, 3> from, std::int32_t coordinate) const {
     return {axis == 0 ? coordinate : lattice_.plane(0, from[0]), axis == 1 ? coordinate : lattice_.plane(1, from[1]),

@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <bit>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <type_traits>
 
 #include "core/base/int128.h"
@@ -25,6 +27,30 @@ std::uint64_t SampleBits::count() const {
   });
 }
 
+bool fills_its_box(const SampleBits& bits) {
+  const auto few = [](std::uint64_t outside, std::uint64_t of) { return outside <= of / 1000; };
+  const auto [nx, ny, nz] = bits.dims();
+  const auto box = [](std::int64_t x, std::int64_t y, std::int64_t z) {
+    return static_cast<std::uint64_t>(std::max<std::int64_t>(x, 0) * std::max<std::int64_t>(y, 0) *
+                                      std::max<std::int64_t>(z, 0));
+  };
+  const std::uint64_t all = box(nx, ny, nz);
+  if (!few(all - bits.count(), all)) return false;
+  std::uint64_t outside = 0;
+  for (std::int32_t k = 0; k < nz; ++k) {
+    for (std::int32_t j = 0; j < ny; ++j) {
+      if (j == 0 || k == 0 || j + 1 == ny || k + 1 == nz) {
+        std::uint64_t inside = 0;
+        for (const std::uint64_t word : bits.row(j, k)) inside += static_cast<std::uint64_t>(std::popcount(word));
+        outside += static_cast<std::uint64_t>(nx) - inside;
+      } else {
+        outside += (bits.test(0, j, k) ? 0 : 1) + (nx > 1 && !bits.test(nx - 1, j, k) ? 1 : 0);
+      }
+    }
+  }
+  return few(outside, all - box(nx - 2, ny - 2, nz - 2));
+}
+
 SampleBits padded(const SampleBits& bits) {
   const auto [nx, ny, nz] = bits.dims();
   SampleBits result({nx + 2, ny + 2, nz + 2});
@@ -38,6 +64,20 @@ SampleBits padded(const SampleBits& bits) {
     }
   }
   return result;
+}
+
+std::optional<Label> parse_label(std::string_view text) {
+  const auto parse = [&]<typename T>(T value) -> std::optional<Label> {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (text.empty() || error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+    return value;
+  };
+  return text.starts_with('-') ? parse(std::int64_t{}) : parse(std::uint64_t{});
+}
+
+std::string to_text(Label label) {
+  return label < 0 ? std::to_string(static_cast<std::int64_t>(label))
+                   : std::to_string(static_cast<std::uint64_t>(label));
 }
 
 namespace {
@@ -120,12 +160,16 @@ Int128 first_where(Predicate holds) {
   return lo;
 }
 
+bool is_finite(double value) { return value - value == 0; }  // on vectors
+
 // Every comparison of a rule is one with a closed interval. NaN is in none.
 struct Interval {
   double lo, hi;
   bool holds(double value) const { return value >= lo && value <= hi; }
 };
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// Infinite values are in none either.
+constexpr double kLargest = std::numeric_limits<double>::max();
+Interval above(double hi) { return {std::nextafter(hi, std::numeric_limits<double>::infinity()), kLargest}; }
 
 // value -> slope·value + intercept is monotone, also as rounded in double, so the stored integers whose value is in an
 // interval form one too, and one subtraction and one unsigned comparison decide a sample.
@@ -157,22 +201,68 @@ SampleBits classify_values(const Volume& volume, std::span<const T> samples, con
     const double slope = volume.slope, intercept = volume.intercept;
     return classify(volume.grid.dims, samples, context, [=](T stored) {
       const double value = slope * static_cast<double>(stored) + intercept;
-      return value == value && interval.holds(value) != complement;  // NaN stays outside on either side
+      return is_finite(value) && interval.holds(value) != complement;
     });
   }
 }
 
 template <typename T>
-SampleBits classify_labels(const Volume& volume, std::span<const T> samples, const std::vector<std::int64_t>& labels,
+SampleBits classify_not_finite(const Volume& volume, std::span<const T> samples, const Context& context) {
+  if constexpr (std::is_integral_v<T>) {
+    return {};
+  } else {
+    const double slope = volume.slope, intercept = volume.intercept;
+    SampleBits bits = classify(volume.grid.dims, samples, context,
+                               [=](T stored) { return !is_finite(slope * static_cast<double>(stored) + intercept); });
+    return bits.count() == 0 ? SampleBits{} : bits;
+  }
+}
+
+// Which label a stored sample is, as the header defines it.
+class LabelOf {
+ public:
+  explicit LabelOf(const Volume& volume) : slope_(volume.slope), intercept_(volume.intercept) {
+    // Whole numbers of this size times any stored integer fit 128 bits.
+    constexpr double kWhole = 0x1p62;
+    const auto whole = [](double v) { return std::abs(v) <= kWhole && v == std::trunc(v); };
+    exact_ = whole(slope_) && whole(intercept_);
+    if (exact_) whole_slope_ = static_cast<Int128>(slope_), whole_intercept_ = static_cast<Int128>(intercept_);
+  }
+
+  template <typename T>
+  std::optional<Label> operator()(T stored) const {
+    if constexpr (std::is_integral_v<T>) {
+      if (exact_) return whole_slope_ * static_cast<Int128>(stored) + whole_intercept_;
+    }
+    const double scaled = slope_ * static_cast<double>(stored), value = scaled + intercept_;
+    const double nearest = std::round(value);
+    if (!is_finite(value) || std::abs(nearest) > 0x1p64) return std::nullopt;
+    const double off = std::abs(value - nearest);
+    if (off > tolerance<T>(scaled) || off >= 0.5) return std::nullopt;
+    return static_cast<Int128>(nearest);
+  }
+
+ private:
+  template <typename T>
+  double tolerance(double scaled) const {
+    if (slope_ == 1 && intercept_ == 0) return 0;
+    const double step = std::is_integral_v<T> && std::abs(slope_) < 1 ? std::abs(slope_) : 0;
+    return step + 0x1p-23 * (std::abs(scaled) + std::abs(intercept_));
+  }
+
+  double slope_, intercept_;
+  bool exact_;
+  Int128 whole_slope_ = 1, whole_intercept_ = 0;
+};
+
+template <typename T>
+SampleBits classify_labels(const Volume& volume, std::span<const T> samples, const std::vector<Label>& labels,
                            bool complement, const Context& context) {
-  const auto listed = [&](double value) {
-    const auto at = std::lower_bound(labels.begin(), labels.end(), value,
-                                     [](std::int64_t label, double v) { return static_cast<double>(label) < v; });
-    return at != labels.end() && static_cast<double>(*at) == value;
-  };
+  const LabelOf label_of(volume);
   const auto inside = [&](T stored) {
-    const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
-    return value == value && listed(value) != complement;
+    if (!is_finite(volume.slope * static_cast<double>(stored) + volume.intercept)) return false;
+    const std::optional<Label> label = label_of(stored);
+    return (label && std::ranges::binary_search(labels, *label)) != complement;
   };
   if constexpr (sizeof(T) <= 2) {
     // Every stored value once, instead of every sample.
@@ -193,13 +283,14 @@ InsideSamples classify_samples(const Volume& volume, const ObjectRule& rule, con
   return visit_voxels(volume, [&]<typename T>(std::span<const T> samples) -> InsideSamples {
     switch (rule.kind) {
       case ObjectRule::Kind::threshold:
-        return {classify_values(volume, samples, context, {rule.lo, kInfinity}, complement), {}};
+        return {classify_values(volume, samples, context, {rule.lo, kLargest}, complement), {}, {}};
       case ObjectRule::Kind::range:
         return {classify_values(volume, samples, context, {rule.lo, rule.hi}, complement),
-                classify_values(volume, samples, context, {std::nextafter(rule.hi, kInfinity), kInfinity}, false)};
+                classify_values(volume, samples, context, above(rule.hi), false),
+                classify_not_finite(volume, samples, context)};
       case ObjectRule::Kind::labels: break;
     }
-    return {classify_labels(volume, samples, rule.labels, complement, context), {}};
+    return {classify_labels(volume, samples, rule.labels, complement, context), {}, {}};
   });
 }
 

@@ -95,14 +95,26 @@ class InterpolatedObject {
       t[a] = (centre[axis] - lo) / (hi - lo);
       beyond_samples |= low[a] < 0 || low[a] + 1 >= volume_.grid.dims[a];
     }
-    if (rule_.kind != ObjectRule::Kind::labels && !beyond_samples) {
-      return holds(trilinear(t, corner_values(volume_, low[0], low[1], low[2])));
+    const bool valued = rule_.kind != ObjectRule::Kind::labels;
+    if (valued && !beyond_samples) {
+      const double value = trilinear(t, corner_values(volume_, low[0], low[1], low[2]));
+      if (std::isfinite(value)) return holds(value);
     }
-    std::array<double, 8> margins;
-    for (std::int32_t c = 0; c < 8; ++c) {
-      margins[static_cast<std::size_t>(c)] = margin({low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)});
+    const auto margins_by = [&](auto margin) {
+      std::array<double, 8> margins;
+      for (std::int32_t c = 0; c < 8; ++c) {
+        margins[static_cast<std::size_t>(c)] = margin({low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)});
+      }
+      return trilinear(t, margins);
+    };
+    if (valued && beyond_samples) {
+      const double margin = margins_by([&](std::array<std::int32_t, 3> s) { return value_margin(s); });
+      if (std::isfinite(margin)) return margin >= 0;
     }
-    return trilinear(t, margins) >= 0;
+    // Labels, and where a value is not finite: each sample is only inside or outside, and the surface half way.
+    return margins_by([&](std::array<std::int32_t, 3> s) {
+             return inside_.test_or_outside(s[0], s[1], s[2]) ? 1.0 : -1.0;
+           }) >= 0;
   }
 
   // `corners` as corner_values orders them. A corner of no weight does not count, even if it is NaN.
@@ -119,23 +131,18 @@ class InterpolatedObject {
   bool holds(double value) const {
     const bool within =
         rule_.kind == ObjectRule::Kind::threshold ? value >= rule_.lo : value >= rule_.lo && value <= rule_.hi;
-    return value == value && within == (rule_.side == Side::above);
+    return within == (rule_.side == Side::above);
   }
 
-  // How far a sample is inside (> 0) or outside. A sample beyond a closed border mirrors the one at the border, as
-  // outside: the interpolation then vanishes half a voxel beyond, where the boundary points are.
-  double margin(std::array<std::int32_t, 3> s) const {
+  // How far a sample's value is inside (> 0) or outside. A sample beyond a closed border mirrors the one at the border,
+  // as outside: the interpolation then vanishes half a voxel beyond, where the boundary points are.
+  double value_margin(std::array<std::int32_t, 3> s) const {
     auto in = s;
     for (std::size_t a = 0; a < 3; ++a) in[a] = std::clamp(in[a], 0, volume_.grid.dims[a] - 1);
-    double m;
-    if (rule_.kind == ObjectRule::Kind::labels) {
-      m = inside_.test(in[0], in[1], in[2]) ? 1 : -1;
-    } else {
-      const double value = value_at(volume_, in[0], in[1], in[2]);
-      m = value - rule_.lo;
-      if (rule_.kind == ObjectRule::Kind::range) m = std::min(m, rule_.hi - value);
-      if (rule_.side == Side::below) m = -m;
-    }
+    const double value = value_at(volume_, in[0], in[1], in[2]);
+    double m = value - rule_.lo;
+    if (rule_.kind == ObjectRule::Kind::range) m = std::min(m, rule_.hi - value);
+    if (rule_.side == Side::below) m = -m;
     return in == s ? m : -std::abs(m);
   }
 

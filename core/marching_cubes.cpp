@@ -207,6 +207,7 @@ class Cells {
         nz_(inside_.dims()[2]) {
     SPHERULE_CHECK(samples.inside.dims() == volume.grid.dims);
     if (rule.kind == ObjectRule::Kind::range) above_ = padded(samples.above);
+    if (samples.not_finite.words_per_row() != 0) not_finite_ = padded(samples.not_finite);
     plane_start_.assign(static_cast<std::size_t>(nz_) + 1, 0);
     for (std::int32_t k = 0; k < nz_; ++k) {
       std::size_t n = 0;
@@ -236,7 +237,7 @@ class Cells {
   }
 
  private:
-  enum State : std::uint8_t { below, within, above, beyond };
+  enum State : std::uint8_t { below, within, above, beyond };  // beyond: of the grid, or of finite numbers
 
   // For every crossed edge that starts in one plane: the index of its (first) boundary point.
   struct Plane {
@@ -288,7 +289,11 @@ class Cells {
           };
           const std::uint64_t once = differences(inside_);
           const std::uint64_t grid = rows_in_grid ? span_mask(w, 1, nx_ - 1 - (axis == 0)) : 0;
-          const std::uint64_t twice = is_range() ? differences(above_) & ~once & grid : 0;
+          std::uint64_t twice = is_range() ? differences(above_) & ~once & grid : 0;
+          if (not_finite_.words_per_row() != 0) {
+            const auto gaps = not_finite_.row(j, k);
+            twice &= ~(gaps[w] | (axis == 0 ? moved_down(gaps, w) : not_finite_.row(j2, k2)[w]));
+          }
           for (std::uint64_t rest = once | twice; rest != 0; rest &= rest - 1) {
             const int bit = std::countr_zero(rest);
             const bool is_point = rule_.border == Border::closed || ((grid >> bit) & 1);
@@ -345,7 +350,7 @@ class Cells {
     if (!is_range() || !(holds(states, below) && holds(states, above))) {
       const Surface surface = is_range() && holds(states, above) ? upper() : lower();
       draw(cuts().find(inside, [&](unsigned f) { return joined(cell, inside, kFaces[f], surface); }), surface.offset);
-    } else if (cell_in_grid) {
+    } else if (!holds(states, beyond)) {
       // Two surfaces that do not meet.
       for (const Surface& surface : {lower(), upper()}) {
         const unsigned side = side_of(states, surface);
@@ -370,6 +375,7 @@ class Cells {
 
   State state_of(std::int32_t i, std::int32_t j, std::int32_t k) const {
     if (!in_grid(i, j, k)) return beyond;
+    if (not_finite_.words_per_row() != 0 && not_finite_.test(i, j, k)) return beyond;
     if (above_.test(i, j, k)) return above;
     return inside_.test(i, j, k) != complement_ ? within : below;
   }
@@ -389,8 +395,8 @@ class Cells {
     return inside;
   }
 
-  // Where a range meets a closed border and is jumped over on it: faces that reach beyond the grid cut every inside arc
-  // of their outline off, the one face within the grid has both surfaces.
+  // Where a range meets a closed border, or samples that are not finite, and is jumped over beside them: faces that
+  // reach there cut every inside arc of their outline off, any other face has both surfaces.
   Patch border_patch(std::array<std::int32_t, 3> cell, const std::array<State, 8>& states) const {
     Successors next = no_successors();
     for (const auto& face : kFaces) {
@@ -423,7 +429,8 @@ class Cells {
   }
 
   // Whether the corners on the object's side of an ambiguous face are joined: whether the bilinear interpolation of its
-  // values is inside at its saddle. Such a face has no sample beyond the grid: those come in pairs that share an edge.
+  // values is inside at its saddle; never where one of them is not finite. Such a face has no sample beyond the grid:
+  // those come in pairs that share an edge.
   bool joined(std::array<std::int32_t, 3> cell, unsigned side, const std::array<unsigned, 4>& face,
               const Surface& surface) const {
     if (rule_.kind == ObjectRule::Kind::labels) return true;
@@ -432,6 +439,7 @@ class Cells {
       const auto c = static_cast<std::int32_t>(face[m]);
       v[m] = value_at(volume_, cell[0] - 1 + (c & 1), cell[1] - 1 + (c >> 1 & 1), cell[2] - 1 + (c >> 2)) - surface.iso;
     }
+    if (std::ranges::any_of(v, [](double value) { return !std::isfinite(value); })) return false;
     // One diagonal is on the object's side; the saddle's height has the sign of the difference of the two products.
     double in = v[0] * v[2], out = v[1] * v[3];
     if (!((side >> face[0]) & 1)) std::swap(in, out);
@@ -468,7 +476,7 @@ class Cells {
   const ObjectRule& rule_;
   const BoundaryPoints& boundary_;
   bool complement_;
-  SampleBits inside_, above_;
+  SampleBits inside_, above_, not_finite_;  // the last is empty unless a range has such samples
   std::int32_t nx_, ny_, nz_;
   std::vector<std::size_t> plane_start_;
   std::uint64_t cut_ends_ = 0;

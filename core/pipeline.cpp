@@ -28,6 +28,11 @@ BuiltModel build_model(const Volume& volume, const ObjectRule& rule, const Model
                       "threshold or a closed border."
                     : "No voxel is inside the object; choose a threshold within the range of the volume's values.");
   }
+  if (fills_its_box(samples.inside)) {
+    built.warnings.emplace_back(
+        "Every sample, or nearly every one, is inside, at the border of the volume too: the object is the whole box; "
+        "choose another threshold, range or labels if it should not be.");
+  }
   if (boundary.touches_border && rule.border == Border::open) {
     built.warnings.emplace_back(
         "The object reaches the border of the volume and is left open there; border \"closed\" closes it.");

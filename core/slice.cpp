@@ -138,6 +138,11 @@ class Outline {
   // Whether the object's parts on the rim of a cell with four crossings or more are one part inside it.
   bool object_is_joined(const std::array<std::array<std::int32_t, 2>, 4>& corners, bool jumped) const {
     if (rule_.kind == ObjectRule::Kind::labels) return true;
+    // Where a value is not finite nothing says that the object goes on between.
+    for (const auto& [x, y] : corners) {
+      const bool known = x >= 0 && y >= 0 && x < slice_.grid.dims[0] && y < slice_.grid.dims[1];
+      if (known && !std::isfinite(value_at(slice_, x, y, 0))) return false;
+    }
     const bool range_is_joined = jumped || range_holds_saddle(corners);
     return range_is_joined == (rule_.side == Side::above);
   }

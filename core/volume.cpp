@@ -30,6 +30,21 @@ Mat3 nearest_orthogonal(Mat3 m) {
   return m;
 }
 
+void require_usable_spacing(Vec3 spacing) {
+  for (int a = 0; a < 3; ++a) {
+    if (!std::isfinite(spacing[a]) || !(spacing[a] > 0)) {
+      throw Error(ErrorCode::unusable,
+                  "The volume's spacing must be finite and above zero along every axis; correct the header's spacing "
+                  "or affine.");
+    }
+    if (spacing[a] < min_spacing_mm) {
+      throw Error(ErrorCode::unusable,
+                  "The volume's spacing is below 1e-9 mm, the least that is read; correct the header's spacing or unit "
+                  "of length.");
+    }
+  }
+}
+
 }  // namespace
 
 std::string_view name(VoxelType type) { return kNames[static_cast<std::size_t>(type)]; }
@@ -46,27 +61,47 @@ VoxelType voxel_type(std::string_view name) {
 
 std::size_t bytes_per_voxel(VoxelType type) { return kSizes[static_cast<std::size_t>(type)]; }
 
+void require_bounded(const Grid& grid) {
+  require_usable_spacing(grid.spacing);
+  if (!finite(grid.origin)) {
+    throw Error(ErrorCode::unusable, "The volume's origin must be finite; correct the header's origin or affine.");
+  }
+  // Coordinates are linear in the indices: the corners have the largest.
+  double farthest = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 mm;
+    for (int a = 0; a < 3; ++a) {
+      if ((corner >> a & 1) != 0) mm[a] = (grid.dims[static_cast<std::size_t>(a)] - 1.0) * grid.spacing[a];
+    }
+    const Vec3 at = grid.to_patient(mm);
+    for (int a = 0; a < 3; ++a) farthest = std::max(farthest, std::isfinite(at[a]) ? std::abs(at[a]) : HUGE_VAL);
+  }
+  // One step beyond the samples too: a flat volume is as thick as its spacing.
+  farthest = std::max({farthest, grid.spacing.x, grid.spacing.y, grid.spacing.z});
+  if (farthest > max_coordinate_mm) {
+    throw Error(ErrorCode::unusable,
+                "The volume reaches farther than 1e9 mm from the origin; correct the header's spacing, origin or unit "
+                "of length.");
+  }
+  if (farthest > max_steps_from_origin * std::min({grid.spacing.x, grid.spacing.y, grid.spacing.z})) {
+    throw Error(ErrorCode::unusable,
+                "The volume lies so far from the origin that its samples could not be told apart at their spacing; "
+                "move its origin nearer or correct the spacing.");
+  }
+}
+
 Grid grid_from_affine(std::array<std::int32_t, 3> dims, const Mat3& axes, Vec3 origin) {
   Grid grid{.dims = dims, .spacing = {}, .origin = origin, .direction = {}};
   if (std::ranges::any_of(dims, [](std::int32_t n) { return n < 1; })) {
     throw Error(ErrorCode::unusable, "Every size of the volume must be at least 1.");
   }
   const Mat3 steps = transposed(axes);
-  Mat3 units;
   for (int a = 0; a < 3; ++a) {
-    const Vec3 step = steps.rows[static_cast<std::size_t>(a)];
-    grid.spacing[a] = norm(step);
-    if (!finite(step) || !(grid.spacing[a] > 0) || !std::isfinite(1 / grid.spacing[a]) ||
-        !std::isfinite(grid.spacing[a])) {
-      throw Error(ErrorCode::unusable,
-                  "The volume's spacing must be finite and above zero along every axis; correct the header's spacing "
-                  "or affine.");
-    }
-    units.rows[static_cast<std::size_t>(a)] = (1 / grid.spacing[a]) * step;
+    grid.spacing[a] = norm(steps.rows[static_cast<std::size_t>(a)]);
   }
-  if (!finite(origin)) {
-    throw Error(ErrorCode::unusable, "The volume's origin must be finite; correct the header's origin or affine.");
-  }
+  require_usable_spacing(grid.spacing);
+  Mat3 units;
+  for (std::size_t a = 0; a < 3; ++a) units.rows[a] = (1 / grid.spacing[static_cast<int>(a)]) * steps.rows[a];
   for (std::size_t a = 0; a < 3; ++a) {
     if (std::abs(dot(units.rows[a], units.rows[(a + 1) % 3])) > 1e-3) {
       throw Error(ErrorCode::unusable,
@@ -75,6 +110,7 @@ Grid grid_from_affine(std::array<std::int32_t, 3> dims, const Mat3& axes, Vec3 o
     }
   }
   grid.direction = transposed(nearest_orthogonal(units));
+  require_bounded(grid);
   return grid;
 }
 
@@ -113,7 +149,7 @@ ValueRange value_range(const Volume& volume, const Context& context) {
     parallel_for(context, {}, samples.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       ValueRange& range = part[begin / kGrain];
       for (const auto stored : samples.subspan(begin, end - begin)) {
-        const double value = static_cast<double>(stored);
+        const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
         if (!std::isfinite(value)) {
           ++range.not_finite;
           continue;
@@ -123,14 +159,11 @@ ValueRange value_range(const Volume& volume, const Context& context) {
       }
     });
   });
-  ValueRange stored{HUGE_VAL, -HUGE_VAL, 0};
+  ValueRange all{HUGE_VAL, -HUGE_VAL, 0};
   for (const ValueRange& p : part) {
-    stored = {std::min(stored.min, p.min), std::max(stored.max, p.max), stored.not_finite + p.not_finite};
+    all = {std::min(all.min, p.min), std::max(all.max, p.max), all.not_finite + p.not_finite};
   }
-  if (stored.min > stored.max) return {0, 0, stored.not_finite};
-  const double a = volume.slope * stored.min + volume.intercept;
-  const double b = volume.slope * stored.max + volume.intercept;
-  return {std::min(a, b), std::max(a, b), stored.not_finite};
+  return all.min > all.max ? ValueRange{0, 0, all.not_finite} : all;
 }
 
 std::vector<std::uint64_t> value_histogram(const Volume& volume, ValueRange range, std::size_t buckets,
@@ -139,7 +172,9 @@ std::vector<std::uint64_t> value_histogram(const Volume& volume, ValueRange rang
     throw Error(ErrorCode::invalid_argument, "The number of buckets must be within 1 and 65536.");
   }
   std::vector<std::uint64_t> counts(buckets, 0);
-  const double scale = range.max > range.min ? static_cast<double>(buckets) / (range.max - range.min) : 0;
+  // In halves, which a range of all that float64 holds does not overflow.
+  const double low = range.min / 2;
+  const double scale = range.max > range.min ? static_cast<double>(buckets) / (range.max / 2 - low) : 0;
   constexpr std::size_t kGrain = 1 << 20;
   visit_voxels(volume, [&](auto samples) {
     for (std::size_t begin = 0; begin < samples.size(); begin += kGrain) {
@@ -147,8 +182,10 @@ std::vector<std::uint64_t> value_histogram(const Volume& volume, ValueRange rang
       for (const auto stored : samples.subspan(begin, std::min(kGrain, samples.size() - begin))) {
         const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
         if (!(value >= range.min && value <= range.max)) continue;
-        const auto bucket = static_cast<std::size_t>((value - range.min) * scale);
-        ++counts[std::min(bucket, buckets - 1)];
+        const double bucket = (value / 2 - low) * scale;
+        // Of a range without width that is 0 or not a number: the first one.
+        const double last = static_cast<double>(buckets - 1);
+        ++counts[bucket > 0 ? static_cast<std::size_t>(std::min(bucket, last)) : 0];
       }
     }
   });

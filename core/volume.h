@@ -27,11 +27,21 @@ VoxelType voxel_type(std::string_view name);
 /// 1, 2, 4 or 8.
 std::size_t bytes_per_voxel(VoxelType type);
 
+/// What a grid may measure, in mm, so that every figure made of it stays an ordinary number. The fourth powers of both
+/// bounds (1e36 and 1e-36) are normal numbers even of float32, in which pictures and exports compute, and the fifth
+/// (second moments of a solid) times 2^31 samples is far inside float64: sums over |x| <= 1e9 end below 1e60, and those
+/// over voxels of 1e-9 above 1e-60.
+inline constexpr double max_coordinate_mm = 1e9;
+inline constexpr double min_spacing_mm = 1e-9;
+/// A sample's coordinates are at most this many times the smallest spacing: float64 then still tells 2^16 places apart
+/// within one step (2^52 / 2^36), which is finer than the lattice on which models are made (2^14 places a voxel).
+inline constexpr double max_steps_from_origin = 0x1p36;
+
 /// Where samples lie: sample (i, j, k) is at origin + direction · (i·spacing.x, j·spacing.y, k·spacing.z), in LPS mm.
 /// Columns of `direction` are the unit vectors of the grid's axes: orthogonal, either handedness.
 struct Grid {
   std::array<std::int32_t, 3> dims{0, 0, 0};  ///< samples along x (fastest in memory), y, z; each at least 1
-  Vec3 spacing{1, 1, 1};                      ///< mm between samples; finite, > 0
+  Vec3 spacing{1, 1, 1};                      ///< mm between samples, within the bounds above
   Vec3 origin;                                ///< of sample (0, 0, 0)
   Mat3 direction;
 
@@ -42,10 +52,14 @@ struct Grid {
   Vec3 to_patient(Vec3 grid_mm) const { return origin + direction * grid_mm; }
 };
 
+/// Throws unusable when the grid is outside the bounds above: a spacing that is not finite, zero, negative or too
+/// small, a corner sample too far from the origin, in mm or in steps. Every reader calls it before it takes memory.
+void require_bounded(const Grid& grid);
+
 /// Makes a Grid from the affine that maps sample indices to LPS mm (columns of `axes` = one index step each).
 /// Throws unusable when a step is zero or not finite, or when two axes are farther from a right angle than
 /// 1e-3 in the cosine: spheres would not stay spheres on a sheared grid. Smaller deviations (what 32-bit headers
-/// leave of a rotation) are rounded to the nearest rotation.
+/// leave of a rotation) are rounded to the nearest rotation. The result is bounded (`require_bounded`).
 Grid grid_from_affine(std::array<std::int32_t, 3> dims, const Mat3& axes, Vec3 origin);
 
 /// On which side of the iso-value an object is.
@@ -92,8 +106,8 @@ double value_at(const Volume& volume, std::int32_t i, std::int32_t j, std::int32
 std::array<double, 8> corner_values(const Volume& volume, std::int32_t i, std::int32_t j, std::int32_t k);
 
 struct ValueRange {
-  double min = 0, max = 0;     ///< over the finite samples; both 0 when there are none
-  std::size_t not_finite = 0;  ///< NaN and infinite samples
+  double min = 0, max = 0;     ///< over the finite values; both 0 when there are none
+  std::size_t not_finite = 0;  ///< values that are NaN or infinite, also by slope and intercept
 };
 /// O(n) over the samples.
 ValueRange value_range(const Volume& volume, const Context& context = {});

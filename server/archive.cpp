@@ -44,8 +44,8 @@ std::string_view last_part(std::string_view path) { return path.substr(path.find
 
 bool is_clutter(std::string_view path) {
   const std::string_view name = last_part(path);
-  return path.starts_with("__MACOSX/") || path.find("/__MACOSX/") != path.npos || name == ".DS_Store" ||
-         name == "Thumbs.db";
+  return path.starts_with("__MACOSX/") || path.find("/__MACOSX/") != path.npos || name.starts_with("._") ||
+         name == ".DS_Store" || name == "Thumbs.db";
 }
 
 // libarchive converts names by the thread's locale, and gives up in the plain "C" one.

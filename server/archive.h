@@ -21,9 +21,9 @@ struct ArchiveLimits {
 bool is_zip(std::string_view first_bytes);
 
 /// Hands on the files of a zip archive, in its order, piece by piece: nothing is held whole. Names come without their
-/// folders. Folders, and what operating systems add beside the files (__MACOSX, .DS_Store, Thumbs.db), are left out.
-/// Throws malformed for what is damaged or encrypted, invalid_argument for names that leave the archive's folder ("..",
-/// absolute) or are empty, and for what is no plain file (links), too_large over a limit.
+/// folders. Folders, and what operating systems add beside the files (__MACOSX, ._*, .DS_Store, Thumbs.db), are left
+/// out. Throws malformed for what is damaged or encrypted, invalid_argument for names that leave the archive's folder
+/// ("..", absolute) or are empty, and for what is no plain file (links), too_large over a limit.
 void unpack_zip(const Blob& archive, const ArchiveLimits& limits,
                 const std::function<void(std::string_view name)>& begin_file,
                 const std::function<void(std::string_view piece)>& take);

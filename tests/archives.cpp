@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/archives.h"
 
+#include <bzlib.h>
 #include <gtest/gtest.h>
 #include <zlib.h>
 
@@ -28,6 +29,16 @@ std::string deflated(std::string_view bytes, int window) {
 }
 
 }  // namespace
+
+std::string bzip2(std::string_view bytes) {
+  std::string out(bytes.size() + bytes.size() / 100 + 600, '\0');
+  auto size = static_cast<unsigned>(out.size());
+  EXPECT_EQ(BZ2_bzBuffToBuffCompress(out.data(), &size, const_cast<char*>(bytes.data()),
+                                     static_cast<unsigned>(bytes.size()), 9, 0, 0),
+            BZ_OK);
+  out.resize(size);
+  return out;
+}
 
 std::string zlib_stream(std::string_view bytes) { return deflated(bytes, MAX_WBITS); }
 std::string gzip(std::string_view bytes) { return deflated(bytes, 16 + MAX_WBITS); }

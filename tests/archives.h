@@ -15,6 +15,9 @@ std::string zlib_stream(std::string_view bytes);
 std::string gzip(std::string_view bytes);
 std::string gunzip(const std::string& bytes);
 
+/// One bzip2 stream.
+std::string bzip2(std::string_view bytes);
+
 struct ZipEntry {
   std::string name, bytes;
   bool deflated = false;

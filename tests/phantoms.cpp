@@ -119,6 +119,17 @@ Volume noise(const Grid& grid, std::uint32_t levels, std::uint64_t seed, VoxelTy
   return volume;
 }
 
+Volume noise_with_gaps(const Grid& grid, std::uint32_t levels, std::uint64_t seed) {
+  Volume volume = noise(grid, levels, seed, VoxelType::float64);
+  Random random(seed + 1);
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::array gaps{std::numeric_limits<double>::quiet_NaN(), kInfinity, -kInfinity};
+  for (std::size_t i = 0; i < grid.sample_count(); ++i) {
+    if (random.below(8) == 0) store(volume, i, gaps[random.below(3)]);
+  }
+  return volume;
+}
+
 Grid cubic_grid(std::int32_t n, double edge) {
   const double step = edge / (n - 1);
   return {
@@ -142,7 +153,7 @@ ObjectRule range(double lo, double hi, Border border, Side side) {
   return {.kind = ObjectRule::Kind::range, .lo = lo, .hi = hi, .labels = {}, .side = side, .border = border};
 }
 
-ObjectRule labels(std::vector<std::int64_t> values, Border border, Side side) {
+ObjectRule labels(std::vector<Label> values, Border border, Side side) {
   return {
       .kind = ObjectRule::Kind::labels, .lo = 0, .hi = 0, .labels = std::move(values), .side = side, .border = border};
 }

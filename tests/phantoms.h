@@ -45,6 +45,9 @@ Volume sample(const Field& field, const Grid& grid, VoxelType type = VoxelType::
 /// Whole numbers 0 … levels - 1, all equally likely: few levels make many ties. A function of its arguments alone.
 Volume noise(const Grid& grid, std::uint32_t levels, std::uint64_t seed, VoxelType type = VoxelType::uint8);
 
+/// The same as float64, with one sample in eight NaN or infinite.
+Volume noise_with_gaps(const Grid& grid, std::uint32_t levels, std::uint64_t seed);
+
 /// n samples along each axis of a cube of this edge about the origin.
 Grid cubic_grid(std::int32_t n, double edge);
 
@@ -53,7 +56,7 @@ void set_stored(Volume& volume, std::array<std::int32_t, 3> at, double stored);
 
 ObjectRule threshold(double lo, Border border = Border::closed, Side side = Side::above);
 ObjectRule range(double lo, double hi, Border border = Border::closed, Side side = Side::above);
-ObjectRule labels(std::vector<std::int64_t> values, Border border = Border::closed, Side side = Side::above);
+ObjectRule labels(std::vector<Label> values, Border border = Border::closed, Side side = Side::above);
 
 /// The generator behind every seeded test: the same numbers on every platform (standard distributions are not).
 class Random {

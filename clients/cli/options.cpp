@@ -138,7 +138,11 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
         throw UsageError("--range expects two finite numbers, the smaller one first.");
       break;
     case ObjectRule::Kind::labels:
-      for (const auto part : parts) rule.labels.push_back(number<std::int64_t>(part, "--labels"));
+      for (const auto part : parts) {
+        const std::optional<Label> label = parse_label(part);
+        if (!label) throw UsageError("--labels expects whole numbers with commas between.");
+        rule.labels.push_back(*label);
+      }
       std::ranges::sort(rule.labels);
       rule.labels.erase(std::unique(rule.labels.begin(), rule.labels.end()), rule.labels.end());
       break;

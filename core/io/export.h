@@ -43,13 +43,16 @@ struct ImportLimits {
 /// Coordinates and radii that a user brings are at most this, in mm (a thousand kilometres), so that squares and cubes
 /// of them stay ordinary numbers everywhere.
 inline constexpr double max_import_coordinate = 1e9;
+/// Radii above 0 are at least this, in mm: below every ball of a volume (half a lattice unit of the least spacing,
+/// 1e-9 mm / 2^25), and its square is a normal number even of float32.
+inline constexpr double min_import_radius = 1e-18;
 
 /// Reads spheres that a user brings; the format ("csv" or "npy") is given. CSV: a header naming x, y, z, r in any order
 /// (further columns ignored), '#' comments and empty lines anywhere, LF or CRLF. NPY: versions 1 to 3, shape (N, 4),
 /// float32 or float64, either byte order and memory order.
-/// Throws malformed (CSV: with the line), unusable for NaN, infinite or huge numbers and negative radii (with the row,
-/// counted from 1), too_large over the limit before memory is taken. Zero radii, repeated and nested spheres are
-/// ordinary input. An empty set is unusable. O(bytes).
+/// Throws malformed (CSV: with the line), unusable for NaN, infinite or huge numbers and negative or tiny radii (with
+/// the row, counted from 1), too_large over the limit before memory is taken. Zero radii, repeated and nested spheres
+/// are ordinary input. An empty set is unusable. O(bytes).
 std::vector<Sphere> spheres_from_csv(std::string_view bytes, const ImportLimits& limits = {});
 std::vector<Sphere> spheres_from_npy(std::string_view bytes, const ImportLimits& limits = {});
 

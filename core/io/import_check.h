@@ -22,6 +22,8 @@ inline void require_usable(const Sphere& s, std::size_t row) {
       refuse("has a coordinate or radius beyond 1e9 mm: send lengths in millimetres.");
   }
   if (s.radius < 0) refuse("has a negative radius: radii are lengths in millimetres, 0 or more.");
+  if (s.radius > 0 && s.radius < min_import_radius)
+    refuse("has a radius below 1e-18 mm: send lengths in millimetres, or 0.");
 }
 
 /// Throws too_large when a set of `count` spheres is over the limit.

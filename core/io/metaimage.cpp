@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
+#include <set>
 
 #include "core/io/itk.h"
 #include "core/io/read_bytes.h"
@@ -21,6 +23,7 @@ struct Fields {
   std::vector<std::string> list;  // of data files
   std::size_t end = 0;            // of the header: where local data start
   bool complete = false;          // its last field was there
+  bool untidy = false;            // fields that do not matter come first or repeat
 
   const std::string* find(std::string_view name) const {
     const auto found = value.find(name);
@@ -43,18 +46,62 @@ struct Fields {
   }
 };
 
-Fields parse_fields(std::string_view text) {
+// The fields that matter here; others, such as comments and what programs add, are passed over without being kept.
+bool is_used(std::string_view name) {
+  constexpr std::array<std::string_view, 20> kNames{"ObjectType",
+                                                    "NDims",
+                                                    "DimSize",
+                                                    "ElementType",
+                                                    "ElementDataFile",
+                                                    "HeaderSize",
+                                                    "ElementSpacing",
+                                                    "ElementSize",
+                                                    "Offset",
+                                                    "Position",
+                                                    "Origin",
+                                                    "TransformMatrix",
+                                                    "Rotation",
+                                                    "Orientation",
+                                                    "BinaryData",
+                                                    "BinaryDataByteOrderMSB",
+                                                    "CompressedData",
+                                                    "DistanceUnits",
+                                                    "ElementByteOrderMSB",
+                                                    "ElementNumberOfChannels"};
+  return std::ranges::find(kNames, name) != kNames.end();
+}
+
+struct Line {
+  std::string_view name, value;
+};
+
+// Nothing for an empty line.
+std::optional<Line> parse_line(std::string_view line) {
+  if (trimmed(line).empty()) return std::nullopt;
+  const std::size_t equals = line.find('=');
+  const std::string_view name = trimmed(line.substr(0, equals));
+  if (equals == std::string_view::npos || name.empty() || name.size() > 80) {
+    fail_malformed("The MetaImage header has a line that is not a field; correct the header.");
+  }
+  return Line{name, trimmed(line.substr(equals + 1))};
+}
+
+Fields parse_fields(std::string_view text, std::size_t most_files) {
   Fields fields;
   std::string_view rest = text;
+  std::set<std::string, std::less<>> others;
+  constexpr std::size_t kMostOthers = 1000;
   while (!rest.empty()) {
-    const std::string_view line = next_line(rest);
-    if (trimmed(line).empty()) continue;
-    const std::size_t equals = line.find('=');
-    const std::string_view name = trimmed(line.substr(0, equals));
-    if (equals == std::string_view::npos || name.empty() || name.size() > 80) {
-      fail_malformed("The MetaImage header has a line that is not a field; correct the header.");
+    const std::optional<Line> line = parse_line(next_line(rest));
+    if (!line) continue;
+    const auto& [name, value] = *line;
+    if (!is_used(name)) {
+      fields.untidy = fields.untidy || fields.value.empty() || others.contains(name);
+      if (others.size() < kMostOthers) others.emplace(name);
+      continue;
     }
-    const std::string_view value = trimmed(line.substr(equals + 1));
+    if (value.size() > max_header_value)
+      fail_malformed("The MetaImage header has a field that is longer than any needs; correct it.");
     if (!fields.value.emplace(name, value).second) {
       fail_malformed("The MetaImage header says the same field twice; correct the header.");
     }
@@ -62,14 +109,21 @@ Fields parse_fields(std::string_view text) {
     fields.complete = true;
     fields.end = text.size() - rest.size();
     if (value.starts_with("LIST")) {
-      while (!rest.empty()) {
+      while (!rest.empty() && fields.list.size() <= most_files) {
         if (const std::string_view file = trimmed(next_line(rest)); !file.empty()) fields.list.emplace_back(file);
+      }
+      if (fields.list.size() > most_files) {
+        fail_malformed(
+            "The MetaImage header names more data files than were sent; send the header and all its data files "
+            "together.");
       }
     }
     break;
   }
   return fields;
 }
+
+bool is_local(std::string_view data) { return data == "LOCAL" || data == "Local" || data == "local"; }
 
 // The numbers of one axis each, for three axes: a fourth is left out, a missing third is `flat`.
 std::string three(const std::string& text, std::size_t rank, double flat) {
@@ -97,36 +151,14 @@ std::string matrix(const std::string& text, std::size_t rank) {
   return joined(part);
 }
 
-double millimetres(const Fields& fields) {
-  const std::string* units = fields.find("DistanceUnits");
-  if (units && *units == "um") return 0.001;
-  if (units && *units == "cm") return 10;
-  return 1;
-}
-
-SampleSource source_of(const Fields& fields, const std::filesystem::path& header,
-                       const std::vector<std::filesystem::path>& files, const ReadLimits& limits) {
+// How the samples lie in a file; which files, is left open.
+SampleSource layout_of(const Fields& fields, const ReadLimits& limits) {
   SampleSource source;
   if (!fields.flag({"BinaryData"}, true)) {
     fail_unusable("MetaImage samples written as text are not read; save the file with binary data.");
   }
   if (fields.flag({"CompressedData"}, false)) source.packing = Packing::deflate;
   source.big_endian = fields.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"}, false);
-
-  const std::string& data = fields.at("ElementDataFile");
-  const auto word = words(data);
-  const bool local = data == "LOCAL" || data == "Local" || data == "local";
-  if (local) {
-    source.files = {header};
-    source.offset = fields.end;
-  } else if (data.starts_with("LIST")) {
-    source.files = named_files(fields.list, files);
-    if (source.files.empty()) fail_malformed("The MetaImage header's list of data files is empty; correct the header.");
-  } else if (data.find('%') != std::string::npos && word.size() >= 4) {
-    source.files = named_files(numbered_names(word[0], std::span(word).subspan(1, 3), files.size()), files);
-  } else {
-    source.files = named_files({data}, files);
-  }
   if (const std::string* size = fields.find("HeaderSize")) {
     const std::int64_t bytes = header_integer(*size);
     if (bytes < -1 || bytes > static_cast<std::int64_t>(limits.max_bytes) ||
@@ -139,26 +171,61 @@ SampleSource source_of(const Fields& fields, const std::filesystem::path& header
   return source;
 }
 
+SampleSource source_of(const Fields& fields, const std::filesystem::path& header,
+                       const std::vector<std::filesystem::path>& files, std::int64_t frames, Volume& volume,
+                       const ReadLimits& limits, const Context& context) {
+  SampleSource source = layout_of(fields, limits);
+  source.frames = frames;
+  const std::string& data = fields.at("ElementDataFile");
+  const auto word = words(data);
+  if (is_local(data)) {
+    if (source.offset == 0) source.offset = fields.end;
+    source.files = {header};
+  } else if (data.starts_with("LIST")) {
+    source.files = named_files(fields.list, files);
+    if (source.files.empty()) fail_malformed("The MetaImage header's list of data files is empty; correct the header.");
+  } else if (data.find('%') != std::string::npos && word.size() >= 4) {
+    source.files = named_files(numbered_names(word[0], std::span(word).subspan(1, 3), files.size()), files);
+  } else {
+    const auto fits = [&](const std::filesystem::path& file) {
+      SampleSource of = source;
+      of.files = {file};
+      return holds_exactly(volume, of, context);
+    };
+    source.files = {data_file(data, header, files, fits, volume.warnings)};
+  }
+  return source;
+}
+
 }  // namespace
 
 bool is_metaimage(std::string_view head) {
-  while (!head.empty()) {
-    const std::string_view line = next_line(head);
-    if (trimmed(line).empty()) continue;
-    const std::size_t equals = line.find('=');
-    if (equals == std::string_view::npos) return false;
-    const std::string_view name = trimmed(line.substr(0, equals));
-    if (name == "NDims" || name == "ObjectType") return true;
-    const auto letter = [](char c) { return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_'; };
-    if (name.empty() || !std::ranges::all_of(name, letter)) return false;
+  // Programs add fields of their own, also in front: any line of `key = value` may come before.
+  try {
+    while (!head.empty()) {
+      const std::optional<Line> line = parse_line(next_line(head));
+      if (line && (line->name == "NDims" || line->name == "ObjectType")) return true;
+      if (line && !std::ranges::all_of(line->name, [](char c) { return c >= ' ' && c <= '~'; })) return false;
+    }
+  } catch (const Error&) {
   }
   return false;
+}
+
+bool is_detached_metaimage(std::string_view head) {
+  try {
+    if (!is_metaimage(head)) return false;
+    const std::string* data = parse_fields(head, head.size()).find("ElementDataFile");
+    return data && !is_local(*data);
+  } catch (const Error&) {
+    return false;
+  }
 }
 
 Volume read_metaimage(const std::filesystem::path& header, const std::vector<std::filesystem::path>& files,
                       const ReadOptions& options, const Context& context) {
   const std::string text = read_text(header, Packing::none, options.limits.max_header_bytes);
-  const Fields fields = parse_fields(text);
+  const Fields fields = parse_fields(text, files.size());
   if (!fields.complete && text.size() == options.limits.max_header_bytes) {
     throw Error(ErrorCode::too_large,
                 "The MetaImage header is longer than allowed; remove what the volume does not need.");
@@ -203,12 +270,17 @@ Volume read_metaimage(const std::filesystem::path& header, const std::vector<std
   Volume volume;
   volume.format = "metaimage";
   volume.type = parsed.type;
-  const double unit = millimetres(fields);
+  if (fields.untidy) {
+    volume.warnings.emplace_back(
+        "The MetaImage header starts with fields that do not matter for the volume, or repeats such; they were "
+        "ignored.");
+  }
+  const std::string* units = fields.find("DistanceUnits");
+  const double unit = units ? millimetres_or_one(*units, volume.warnings) : 1;
   Mat3 axes = parsed.axes;
   for (Vec3& row : axes.rows) row = unit * row;
   volume.grid = grid_from_affine(checked_dims(parsed.dims, volume.type, options.limits), axes, unit * parsed.origin);
-  SampleSource source = source_of(fields, header, files, options.limits);
-  source.frames = sizes[3];
+  SampleSource source = source_of(fields, header, files, sizes[3], volume, options.limits, context);
   source.frame = chosen_frame(sizes[3], options);
   read_samples(volume, source, context);
   return volume;

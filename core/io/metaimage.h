@@ -12,11 +12,14 @@
 
 namespace spherule {
 
-/// Whether bytes start like a MetaImage header: lines of `Key = value`, ObjectType or NDims among the first.
+/// Whether bytes start like a MetaImage header: lines of `Key = value`, one of them ObjectType or NDims.
 bool is_metaimage(std::string_view head);
+/// Whether it names data in other files.
+bool is_detached_metaimage(std::string_view head);
 
-/// `header` is one of `files`; data files that it names must be others of them.
-/// Geometry: Offset, TransformMatrix and ElementSpacing, which are LPS; DistanceUnits um and cm become mm.
+/// `header` is one of `files`; data files that it names must be others of them (see read.h).
+/// Geometry: Offset, TransformMatrix and ElementSpacing, which are LPS; DistanceUnits become mm. Fields that do not
+/// matter for the volume may repeat or come first (with a warning, as ITK reads them without).
 /// NDims = 4 are volumes one after another (`frame` chooses).
 Volume read_metaimage(const std::filesystem::path& header, const std::vector<std::filesystem::path>& files,
                       const ReadOptions& options, const Context& context);

@@ -7,8 +7,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <type_traits>
 
 #include "core/io/read_bytes.h"
+#include "core/io/read_header.h"
 
 namespace spherule {
 
@@ -95,9 +97,22 @@ VoxelType voxel_type_of(int datatype) {
   }
 }
 
-// libnifti2 prints on some bad headers whatever its debug level, and mends others without a word (a spacing of 0
-// becomes 1): both are refused before it sees them.
-void validate(const Header& h) {
+// What libnifti2 mends without a word is mended before it sees it, in either version's header.
+template <typename Raw>
+void mend(Raw& raw, std::vector<std::string>& warnings) {
+  using Size = std::remove_reference_t<decltype(raw.dim[0])>;
+  bool sizes = false, steps = false;
+  for (std::size_t i = 1; i < 8 && i <= static_cast<std::size_t>(std::max<Size>(raw.dim[0], 0)); ++i) {
+    if (i > 3 && raw.dim[i] == 0) raw.dim[i] = 1, sizes = true;
+    if (i <= 3 && raw.dim[i] == 1 && raw.pixdim[i] == 0) raw.pixdim[i] = 1, steps = true;
+  }
+  if (sizes) warnings.emplace_back("The NIfTI header has a size of 0 beyond its third dimension; it was taken as 1.");
+  if (steps && raw.sform_code <= 0)
+    warnings.emplace_back("The NIfTI header gives no spacing (pixdim 0) across its one slice; 1 was taken.");
+}
+
+// libnifti2 prints on some bad headers whatever its debug level: they are refused before it sees them.
+void validate_sizes(const Header& h) {
   if (h.dim[0] < 1 || h.dim[0] > 7) {
     throw Error(ErrorCode::malformed, "The NIfTI header's number of dimensions is not within 1 and 7; correct it.");
   }
@@ -110,21 +125,23 @@ void validate(const Header& h) {
                   "The file holds vectors or more than four dimensions, not one scalar a voxel; split it first.");
     }
   }
-  if (h.sform_code <= 0) {
-    for (std::size_t i = 1; i <= static_cast<std::size_t>(std::min<std::int64_t>(h.dim[0], 3)); ++i) {
-      if (!std::isfinite(h.pixdim[i]) || !(h.pixdim[i] > 0)) {
-        throw Error(ErrorCode::unusable,
-                    "The spacing in the NIfTI header must be finite and above zero along every axis; correct pixdim.");
-      }
+}
+
+// Of the qform and of pixdim alone.
+void validate_steps(const Header& h) {
+  for (std::size_t i = 1; i <= static_cast<std::size_t>(std::min<std::int64_t>(h.dim[0], 3)); ++i) {
+    if (!std::isfinite(h.pixdim[i]) || !(h.pixdim[i] > 0)) {
+      throw Error(ErrorCode::unusable,
+                  "The spacing in the NIfTI header must be finite and above zero along every axis; correct pixdim.");
     }
-    const auto finite = [](double v) { return std::isfinite(v); };
-    if (h.qform_code > 0 && !(std::ranges::all_of(h.quatern, finite) && std::ranges::all_of(h.qoffset, finite))) {
-      throw Error(ErrorCode::unusable, "The NIfTI header's qform is not finite; correct the header.");
-    }
+  }
+  const auto finite = [](double v) { return std::isfinite(v); };
+  if (h.qform_code > 0 && !(std::ranges::all_of(h.quatern, finite) && std::ranges::all_of(h.qoffset, finite))) {
+    throw Error(ErrorCode::unusable, "The NIfTI header's qform is not finite; correct the header.");
   }
 }
 
-Header parse(const std::string& head) {
+Header parse(const std::string& head, std::vector<std::string>& warnings) {
   static const bool quiet = (nifti_set_debug_level(0), true);
   (void)quiet;
   const bool v2 = is_version_2(head);
@@ -136,10 +153,12 @@ Header parse(const std::string& head) {
     std::memcpy(&raw, head.data(), sizeof raw);
     auto native = raw;
     if (swap) swap_header(&native);
+    mend(native, warnings);
     Header h = widened(native);
     h.swapped = swap;
     voxel_type_of(h.datatype);
-    validate(h);
+    validate_sizes(h);
+    if (h.sform_code <= 0) validate_steps(h);
     h.image.reset(convert(native, nullptr));
     if (!h.image) throw Error(ErrorCode::malformed, "The NIfTI header does not parse; send an intact file.");
     return h;
@@ -148,22 +167,18 @@ Header parse(const std::string& head) {
             : finish(nifti_1_header{}, nifti_swap_as_nifti1, nifti_convert_n1hdr2nim);
 }
 
-double millimetres(int units) {
+// By the table of units that all formats share.
+std::string_view unit_name(int units) {
   switch (units) {
-    case NIFTI_UNITS_METER: return 1000;
-    case NIFTI_UNITS_MICRON: return 0.001;
-    default: return 1;
+    case NIFTI_UNITS_UNKNOWN: return "";
+    case NIFTI_UNITS_METER: return "m";
+    case NIFTI_UNITS_MM: return "mm";
+    case NIFTI_UNITS_MICRON: return "um";
+    default: return "unknown";
   }
 }
 
-Grid grid_of(const Header& h, std::array<std::int32_t, 3> dims, std::vector<std::string>& warnings) {
-  if (h.sform_code <= 0 && h.qform_code <= 0) {
-    warnings.push_back(
-        "The NIfTI header does not say how the volume lies in the patient; its axes were taken as right, anterior, "
-        "superior.");
-  }
-  const nifti_dmat44& ras = h.sform_code > 0 ? h.image->sto_xyz : h.image->qto_xyz;
-  const double unit = millimetres(h.image->xyz_units);
+Grid grid_by(const Header& h, const nifti_dmat44& ras, double unit, std::array<std::int32_t, 3> dims) {
   Mat3 axes;
   Vec3 origin;
   for (int r = 0; r < 3; ++r) {
@@ -179,6 +194,44 @@ Grid grid_of(const Header& h, std::array<std::int32_t, 3> dims, std::vector<std:
     }
   }
   return grid_from_affine(dims, axes, origin);
+}
+
+// Whether pixdim says something else about the steps of the grid than the affine did: by more than the 1e-3 by which
+// angles may be off too, far beyond what rounding to float32 makes of a product of a rotation and a length.
+bool steps_differ(const Header& h, const Grid& grid, double unit) {
+  for (int a = 0; a < 3; ++a) {
+    const double said = unit * std::abs(h.pixdim[static_cast<std::size_t>(a) + 1]);
+    if (grid.dims[static_cast<std::size_t>(a)] == 1 || said == 0) continue;
+    if (!(std::abs(said - grid.spacing[a]) <= 1e-3 * grid.spacing[a])) return true;
+  }
+  return false;
+}
+
+Grid grid_of(const Header& h, std::array<std::int32_t, 3> dims, std::vector<std::string>& warnings) {
+  const double unit = millimetres_or_one(unit_name(h.image->xyz_units), warnings);
+  if (h.sform_code > 0) {
+    try {
+      const Grid grid = grid_by(h, h.image->sto_xyz, unit, dims);
+      if (steps_differ(h, grid, unit)) {
+        warnings.push_back(
+            "The NIfTI header's sform has other lengths than its pixdim; the sform was taken: if the volume comes out "
+            "too large or too small, correct one of them.");
+      }
+      return grid;
+    } catch (const Error&) {
+      if (h.qform_code <= 0) throw;
+      warnings.push_back(
+          "The NIfTI header's sform cannot be used (it is empty, not finite, or not at right angles); the qform and "
+          "pixdim were taken.");
+    }
+  }
+  validate_steps(h);
+  if (h.qform_code <= 0) {
+    warnings.push_back(
+        "The NIfTI header does not say how the volume lies in the patient; its axes were taken as right, anterior, "
+        "superior.");
+  }
+  return grid_by(h, h.image->qto_xyz, unit, dims);
 }
 
 std::filesystem::path samples_file(const std::filesystem::path& header,
@@ -204,25 +257,32 @@ bool is_nifti(std::string_view head) {
   return (has_size(head, kHeader1) && has_magic(head, 344, '1')) || is_version_2(head);
 }
 
+bool is_nifti_pair(std::string_view head) { return is_nifti(head) && head[is_version_2(head) ? 5 : 345] == 'i'; }
+
 bool is_analyze(std::string_view head) { return has_size(head, kHeader1) && head[38] == 'r' && !is_nifti(head); }
 
 Volume read_nifti(const std::filesystem::path& header, const std::vector<std::filesystem::path>& files,
                   const ReadOptions& options, const Context& context) {
   const std::string head = read_text(header, is_gzip(header) ? Packing::deflate : Packing::none, kHeader2);
-  const Header h = parse(head);
+  Volume volume;
+  const Header h = parse(head, volume.warnings);
   const std::size_t rank = static_cast<std::size_t>(h.dim[0]);
   const auto size = [&](std::size_t i) { return i <= rank ? h.dim[i] : std::int64_t{1}; };
 
-  Volume volume;
   volume.format = "nifti";
   volume.type = voxel_type_of(h.datatype);
   const auto dims = checked_dims({size(1), size(2), size(3)}, volume.type, options.limits);
   const std::int64_t frame = chosen_frame(size(4), options);
   volume.grid = grid_of(h, dims, volume.warnings);
-  if (std::isinf(h.slope) || (h.slope != 0 && !std::isnan(h.slope) && !std::isfinite(h.intercept))) {
-    throw Error(ErrorCode::unusable, "The NIfTI header's slope or intercept is not finite; correct the header.");
+  if (h.slope != 0 && !std::isnan(h.slope)) {
+    // Then no stored integer, of 64 bits at most, becomes an infinite value.
+    constexpr double kLargest = 1e280;
+    if (!(std::abs(h.slope) <= kLargest && std::abs(h.intercept) <= kLargest)) {
+      throw Error(ErrorCode::unusable,
+                  "The NIfTI header's slope or intercept is not finite, or beyond 1e280; correct the header.");
+    }
+    volume.slope = h.slope, volume.intercept = h.intercept;
   }
-  if (h.slope != 0 && !std::isnan(h.slope)) volume.slope = h.slope, volume.intercept = h.intercept;
 
   const double first = h.pair ? 0 : static_cast<double>(is_version_2(head) ? kHeader2 : kHeader1);
   // Some writers leave 0 for "right after the header" (and its four bytes of extension flags).
@@ -235,7 +295,11 @@ Volume read_nifti(const std::filesystem::path& header, const std::vector<std::fi
   }
   SampleSource source;
   source.files = {h.pair ? samples_file(header, files) : header};
-  source.packing = is_gzip(source.files[0]) ? Packing::deflate : Packing::none;
+  // Samples of the right size are what the header says, whatever their first bytes look like.
+  const std::uint64_t wanted = volume.grid.sample_count() * bytes_per_voxel(volume.type) *
+                               static_cast<std::uint64_t>(std::min(size(4), std::int64_t{1} << 20));
+  const bool exact = h.pair && size_of_file(source.files[0]) == wanted + static_cast<std::uint64_t>(offset);
+  source.packing = !exact && is_gzip(source.files[0]) ? Packing::deflate : Packing::none;
   source.skip = static_cast<std::uint64_t>(offset);
   source.big_endian = h.swapped == (std::endian::native == std::endian::little);
   source.frames = size(4);

@@ -33,6 +33,11 @@ Volume read_raw(const std::vector<std::filesystem::path>& files, const RawLayout
                  .spacing = layout.spacing,
                  .origin = layout.origin,
                  .direction = {}};
+  try {
+    require_bounded(volume.grid);
+  } catch (const Error& error) {
+    require(false, "spacing", error.what());
+  }
   SampleSource source;
   source.files = files;
   source.big_endian = layout.big_endian;

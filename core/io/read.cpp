@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <new>
+#include <numbers>
 #include <stdexcept>
 #include <string_view>
 
@@ -21,10 +22,12 @@ using Path = std::filesystem::path;
 
 enum class Kind { unknown, damaged_gzip, nifti, analyze, nrrd, metaimage, openvdb, dicom, lfs_pointer };
 
-constexpr std::size_t kHead = 4096;
+// Enough for what programs write in front of a MetaImage header's own fields.
+constexpr std::size_t kHead = std::size_t{1} << 16;
 
 bool is_dicom(std::string_view head) {
   // Data sets without the preamble still name their class, by a UID of DICOM's own, near the start.
+  head = head.substr(0, 4096);
   return (head.size() >= 132 && head.substr(128, 4) == "DICM") || head.find("1.2.840.10008.") != std::string_view::npos;
 }
 
@@ -42,14 +45,16 @@ Kind kind_of(std::string_view head) {
 struct Sniffed {
   Kind kind = Kind::unknown;
   bool gzip = false;
+  bool detached = false;  // a header that names its data in other files
 };
 
 Sniffed sniff(const Path& file) {
   const bool gzip = is_gzip(file);
   try {
-    return {kind_of(read_text(file, gzip ? Packing::deflate : Packing::none, kHead)), gzip};
+    const std::string head = read_text(file, gzip ? Packing::deflate : Packing::none, kHead);
+    return {kind_of(head), gzip, is_detached_nrrd(head) || is_detached_metaimage(head) || is_nifti_pair(head)};
   } catch (const Error& error) {
-    if (error.code() == ErrorCode::malformed) return {Kind::damaged_gzip, gzip};
+    if (error.code() == ErrorCode::malformed) return {.kind = Kind::damaged_gzip, .gzip = gzip};
     throw;
   }
 }
@@ -83,13 +88,17 @@ Volume dispatch(const std::vector<Path>& files, const ReadOptions& options, cons
   std::vector<Sniffed> sniffed;
   for (const Path& file : files) sniffed.push_back(sniff(file));
   const auto reads = [](const Sniffed& s) { return has_reader(s.kind); };
-  const auto found = std::ranges::find_if(sniffed, reads);
+  auto found = std::ranges::find_if(sniffed, reads);
   if (found == sniffed.end()) {
     const auto known = std::ranges::find_if(sniffed, [](const Sniffed& s) { return s.kind != Kind::unknown; });
     refuse(known == sniffed.end() ? Kind::unknown : known->kind);
   }
   if (std::ranges::count_if(sniffed, reads) > 1) {
-    throw Error(ErrorCode::unusable, "Several volumes were sent at once; send each by itself.");
+    // What a header says of its data comes before what their bytes look like.
+    found = std::ranges::find_if(sniffed, &Sniffed::detached);
+    if (std::ranges::count_if(sniffed, &Sniffed::detached) != 1) {
+      throw Error(ErrorCode::unusable, "Several volumes were sent at once; send each by itself.");
+    }
   }
   const Path& header = files[static_cast<std::size_t>(found - sniffed.begin())];
   if (found->kind == Kind::nifti) return read_nifti(header, files, options, context);
@@ -102,6 +111,16 @@ Volume dispatch(const std::vector<Path>& files, const ReadOptions& options, cons
   return read_openvdb(header, options, context);
 }
 
+// The smallest ball that reaches from one slice to the next, pi/6 a^3 for slices a apart, then takes more room than two
+// voxels s t a along every axis.
+bool has_thick_slices(const Grid& grid) {
+  const int a = grid.spacing.x >= grid.spacing.y ? (grid.spacing.x >= grid.spacing.z ? 0 : 2)
+                                                 : (grid.spacing.y >= grid.spacing.z ? 1 : 2);
+  const double thick = grid.spacing[a], s = grid.spacing[(a + 1) % 3], t = grid.spacing[(a + 2) % 3];
+  const bool solid = std::ranges::all_of(grid.dims, [](std::int32_t n) { return n > 1; });
+  return solid && std::numbers::pi / 6 * thick * thick > 8 * s * t;
+}
+
 }  // namespace
 
 Volume read_volume(const std::vector<Path>& files, const ReadOptions& options, const Context& context) {
@@ -111,10 +130,16 @@ Volume read_volume(const std::vector<Path>& files, const ReadOptions& options, c
   }
   try {
     Volume volume = dispatch(files, options, context);
+    if (has_thick_slices(volume.grid)) {
+      volume.warnings.emplace_back(
+          "The samples lie far farther apart along one axis than along another (thick slices): spheres between two "
+          "slices reach beyond the object; resample to nearly cubic voxels where its volume matters.");
+    }
     if (volume.type == VoxelType::float32 || volume.type == VoxelType::float64) {
       if (const std::size_t count = value_range(volume, context).not_finite) {
         volume.warnings.push_back(std::to_string(count) + (count == 1 ? " voxel is" : " voxels are") +
-                                  " not a finite number (NaN or infinite).");
+                                  " not a finite number (NaN or infinite): outside of every object, with the surface "
+                                  "half way to the next voxel.");
       }
     }
     return volume;

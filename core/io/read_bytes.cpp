@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/io/read_bytes.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <array>
 #include <cstdio>
 #include <limits>
 #include <new>
 
+#include "core/base/check.h"
+#include "core/io/unpacked.h"
+
 namespace spherule {
 
 namespace {
 
 constexpr std::size_t kChunk = std::size_t{1} << 20;
-// The most that one byte of deflate can unpack to (zlib's technical details), and room for a few tiny blocks.
-constexpr std::uint64_t kMaxExpansion = 1032;
+// The most that one byte of deflate can unpack to (zlib's technical details).
+constexpr std::uint64_t kDeflateExpansion = 1032;
+// And of bzip2: a block holds at most 900,000 bytes after runs of up to 259 became 5 each, and takes at least 16.
+constexpr std::uint64_t kBzip2Expansion = 900'000 / 5 * 259 / 16;
+// How far before samples that are the end of a packed stream something else may go on.
+constexpr std::uint64_t kMaxLead = std::uint64_t{1} << 24;
 // How far bytes after the samples are followed: enough for any padding, and to reach the checksum of a gzip stream.
 constexpr std::uint64_t kMaxTrailing = std::uint64_t{1} << 16;
 
@@ -43,121 +48,14 @@ void to_native(std::span<std::byte> bytes, std::size_t width, bool big_endian) {
 
 }  // namespace
 
-struct ByteReader::State {
-  struct Close {
-    void operator()(std::FILE* f) const { std::fclose(f); }
-  };
-  std::unique_ptr<std::FILE, Close> file;
-  bool packed = false;
-  bool ended = false;  // of the packed stream
-  z_stream zlib{};
-  std::vector<std::byte> input;
-
-  ~State() {
-    if (packed) inflateEnd(&zlib);
-  }
-
-  void refill() {
-    zlib.next_in = reinterpret_cast<Bytef*>(input.data());
-    zlib.avail_in = static_cast<uInt>(std::fread(input.data(), 1, input.size(), file.get()));
-  }
-
-  // After a gzip member another may follow; anything else there (tapes pad with zeros) is ignored as gzip does.
-  void next_member() {
-    std::array<std::byte, 2> magic{};
-    std::size_t got = 0;
-    while (got < magic.size()) {
-      if (zlib.avail_in == 0) refill();
-      if (zlib.avail_in == 0) break;
-      magic[got++] = static_cast<std::byte>(*zlib.next_in++);
-      --zlib.avail_in;
-    }
-    if (got < 2 || magic[0] != std::byte{0x1f} || magic[1] != std::byte{0x8b}) {
-      ended = true;
-      return;
-    }
-    inflateReset2(&zlib, 15 + 16);
-    // The two bytes may lie in different refills, so they are fed again from here.
-    Bytef* rest = zlib.next_in;
-    const uInt rest_size = zlib.avail_in;
-    Bytef none = 0;
-    zlib.next_in = reinterpret_cast<Bytef*>(magic.data());
-    zlib.avail_in = 2;
-    zlib.next_out = &none;
-    zlib.avail_out = 0;
-    inflate(&zlib, Z_NO_FLUSH);
-    zlib.next_in = rest;
-    zlib.avail_in = rest_size;
-  }
-
-  std::size_t inflate_into(std::span<std::byte> into) {
-    std::size_t done = 0;
-    while (done < into.size() && !ended) {
-      if (zlib.avail_in == 0) refill();
-      const uInt room = static_cast<uInt>(std::min<std::size_t>(into.size() - done, 1U << 30));
-      zlib.next_out = reinterpret_cast<Bytef*>(into.data() + done);
-      zlib.avail_out = room;
-      const bool starved = zlib.avail_in == 0;
-      const int status = inflate(&zlib, Z_NO_FLUSH);
-      done += room - zlib.avail_out;
-      if (status == Z_STREAM_END) {
-        next_member();
-      } else if (status == Z_MEM_ERROR) {
-        throw std::bad_alloc();
-      } else if (status != Z_OK && status != Z_BUF_ERROR) {
-        throw Error(
-            ErrorCode::malformed,
-            "The compressed data are damaged (they do not unpack or fail their checksum); send the file again.");
-      } else if (starved && zlib.avail_out == room) {
-        throw Error(ErrorCode::malformed, "The compressed data end too early: the file is cut; send the whole file.");
-      }
-    }
-    return done;
-  }
-};
-
-ByteReader::ByteReader(const std::filesystem::path& file, Packing packing, std::uint64_t offset)
-    : state_(std::make_unique<State>()) {
-  size_of_file(file);
-  state_->file.reset(std::fopen(file.c_str(), "rb"));
-  if (!state_->file || fseeko(state_->file.get(), static_cast<off_t>(offset), SEEK_SET) != 0) {
-    throw Error(ErrorCode::not_found, "The file cannot be opened; send it again.");
-  }
-  if (packing == Packing::deflate) {
-    // 32: gzip or zlib, by their own headers.
-    if (inflateInit2(&state_->zlib, 15 + 32) != Z_OK) throw std::bad_alloc();
-    state_->packed = true;
-    state_->input.resize(std::size_t{1} << 16);
-  }
-}
+ByteReader::ByteReader(const std::filesystem::path& file, Packing packing, std::uint64_t offset, VoxelType type)
+    : source_(open_unpacked(file, packing, offset, type)) {}
 
 ByteReader::~ByteReader() = default;
 
-std::size_t ByteReader::read(std::span<std::byte> into) {
-  if (state_->packed) return state_->inflate_into(into);
-  return std::fread(into.data(), 1, into.size(), state_->file.get());
-}
+std::size_t ByteReader::read(std::span<std::byte> into) { return source_->read(into); }
 
-std::uint64_t ByteReader::skip(std::uint64_t count, const Context& context) {
-  if (!state_->packed) {
-    const off_t from = ftello(state_->file.get());
-    fseeko(state_->file.get(), 0, SEEK_END);
-    const off_t left = std::max<off_t>(0, ftello(state_->file.get()) - from);
-    const off_t step = static_cast<off_t>(std::min(count, static_cast<std::uint64_t>(left)));
-    fseeko(state_->file.get(), from + step, SEEK_SET);
-    return static_cast<std::uint64_t>(step);
-  }
-  std::vector<std::byte> sink(static_cast<std::size_t>(std::min<std::uint64_t>(count, kChunk)));
-  std::uint64_t done = 0;
-  while (done < count) {
-    context.throw_if_cancelled();
-    const std::size_t wanted = static_cast<std::size_t>(std::min<std::uint64_t>(count - done, kChunk));
-    const std::size_t got = read(std::span(sink).first(wanted));
-    done += got;
-    if (got < wanted) break;
-  }
-  return done;
-}
+std::uint64_t ByteReader::skip(std::uint64_t count, const Context& context) { return source_->skip(count, context); }
 
 bool is_gzip(const std::filesystem::path& file) {
   std::array<std::byte, 2> magic{};
@@ -221,59 +119,184 @@ std::array<std::int32_t, 3> checked_dims(const std::array<std::int64_t, 3>& dims
   return {static_cast<std::int32_t>(dims[0]), static_cast<std::int32_t>(dims[1]), static_cast<std::int32_t>(dims[2])};
 }
 
-void read_samples(Volume& volume, const SampleSource& source, const Context& context) {
+namespace {
+
+// At most so many bytes can come out of `packed` bytes of a file.
+std::uint64_t most_unpacked(std::uint64_t packed, Packing packing, VoxelType type) {
+  const auto times = [&](std::uint64_t factor) { return std::min(packed, UINT64_MAX / factor) * factor; };
+  switch (packing) {
+    case Packing::none: return packed;
+    case Packing::deflate: return times(kDeflateExpansion);
+    case Packing::bzip2: return times(kBzip2Expansion);
+    case Packing::hex: return packed / 2;
+    case Packing::text: return (packed + 1) / 2 * bytes_per_voxel(type);  // a digit and a blank each, but for the last
+  }
+  return packed;
+}
+
+// The samples of all frames in order, from as many files as there are.
+class SampleStream {
+ public:
+  // Throws malformed where a file cannot hold its share.
+  SampleStream(const Volume& volume, const SampleSource& source, std::uint64_t bytes, const Context& context)
+      : source_(source), type_(volume.type), context_(context), share_(bytes / source.files.size()) {
+    for (const auto& file : source.files) {
+      const std::uint64_t size = size_of_file(file);
+      const bool by_size = source.at_end && source.packing == Packing::none;
+      if (by_size && size < share_) fail_cut();
+      const std::uint64_t offset = by_size ? size - share_ : source.offset;
+      const std::uint64_t room = most_unpacked(size < offset ? 0 : size - offset, source.packing, type_);
+      const std::uint64_t lead = source.at_end ? 0 : source.skip;
+      if (room < lead || room - lead < share_) fail_cut();
+      offsets_.push_back(offset);
+    }
+  }
+
+  void read(std::span<std::byte> into) {
+    while (!into.empty()) {
+      open_part();
+      const std::size_t n = static_cast<std::size_t>(std::min<std::uint64_t>(into.size(), left_in_part()));
+      if (reader_->read(into.first(n)) < n) fail_cut();
+      into = into.subspan(n);
+      advance(n);
+    }
+  }
+  // Files of which nothing is wanted are not opened.
+  void skip(std::uint64_t count) {
+    while (count > 0) {
+      const std::uint64_t n = std::min(count, left_in_part());
+      if (reader_ || n < share_) {
+        open_part();
+        if (reader_->skip(n, context_) < n) fail_cut();
+      }
+      count -= n;
+      advance(n);
+    }
+  }
+  // To the end of a file under way, where its checksum is. Whether any file went on after its samples.
+  bool finish() {
+    if (reader_) skip(left_in_part());
+    return trailing_;
+  }
+
+ private:
+  std::uint64_t left_in_part() const { return share_ - at_ % share_; }
+  void open_part() {
+    if (reader_) return;
+    const auto part = static_cast<std::size_t>(at_ / share_);
+    const auto open = [&] {
+      reader_ = std::make_unique<ByteReader>(source_.files[part], source_.packing, offsets_[part], type_);
+    };
+    open();
+    std::uint64_t lead = source_.at_end ? 0 : source_.skip;
+    if (source_.at_end && source_.packing != Packing::none) {
+      const std::uint64_t all = reader_->skip(share_ + kMaxLead, context_);
+      if (all < share_) fail_cut();
+      if (all == share_ + kMaxLead) {
+        throw Error(ErrorCode::malformed,
+                    "The data are far longer than the samples that should end them; correct the header's byte skip.");
+      }
+      lead = all - share_;
+      open();
+    }
+    if (reader_->skip(lead, context_) < lead) fail_cut();
+  }
+  void advance(std::uint64_t count) {
+    at_ += count;
+    if (at_ % share_ != 0 || !reader_) return;
+    trailing_ = reader_->skip(kMaxTrailing, context_) > 0 || trailing_;
+    reader_.reset();
+  }
+
+  const SampleSource& source_;
+  VoxelType type_;
+  const Context& context_;
+  std::uint64_t share_, at_ = 0;
+  std::vector<std::uint64_t> offsets_;
+  std::unique_ptr<ByteReader> reader_;
+  bool trailing_ = false;
+};
+
+// Of all frames together.
+std::uint64_t all_bytes(const Volume& volume, const SampleSource& source) {
   const std::uint64_t bytes = volume.grid.sample_count() * bytes_per_voxel(volume.type);
   if (source.frames < 1 ||
       static_cast<std::uint64_t>(source.frames) > std::numeric_limits<std::int64_t>::max() / bytes) {
     throw Error(ErrorCode::malformed, "The header's number of volumes is not possible; correct the header.");
   }
   const std::uint64_t all = bytes * static_cast<std::uint64_t>(source.frames);
-  const std::uint64_t begin = bytes * static_cast<std::uint64_t>(source.frame);
-  const std::uint64_t parts = source.files.size();
-  if (parts == 0 || all % parts != 0) {
+  if (source.files.empty() || all % source.files.size() != 0) {
     throw Error(ErrorCode::malformed,
                 "The number of data files that the header names does not fit the volume's size; correct the header.");
   }
-  const std::uint64_t share = all / parts;
+  return all;
+}
 
-  std::vector<std::uint64_t> offsets;
-  for (const auto& file : source.files) {
-    const std::uint64_t size = size_of_file(file);
-    if (source.at_end && size < share) fail_cut();
-    const std::uint64_t offset = source.at_end ? size - share : source.offset;
-    const std::uint64_t packed = size < offset ? 0 : size - offset;
-    const std::uint64_t room =
-        source.packing == Packing::none ? packed : std::min(packed, UINT64_MAX / kMaxExpansion) * kMaxExpansion;
-    const std::uint64_t skip = source.at_end ? 0 : source.skip;
-    if (room < skip || room - skip < share) fail_cut();
-    offsets.push_back(offset);
+}  // namespace
+
+bool holds_exactly(const Volume& volume, const SampleSource& source, const Context& context) {
+  try {
+    const std::uint64_t all = all_bytes(volume, source);
+    SampleStream stream(volume, source, all, context);
+    stream.skip(all - 1);  // the last one is read: files of which nothing is wanted are not opened
+    std::byte last;
+    stream.read(std::span(&last, 1));
+    return !stream.finish();
+  } catch (const Error& error) {
+    if (error.code() == ErrorCode::malformed) return false;
+    throw;
   }
+}
+
+void read_samples(Volume& volume, const SampleSource& source, const Context& context) {
+  const std::uint64_t width = bytes_per_voxel(volume.type);
+  const std::uint64_t bytes = volume.grid.sample_count() * width;
+  SampleStream stream(volume, source, all_bytes(volume, source), context);
+  const std::uint64_t run = source.run == 0 ? bytes : source.run * width;
+  SPHERULE_CHECK(bytes % run == 0);
+  const std::uint64_t period = run * static_cast<std::uint64_t>(source.frames);
+  const std::uint64_t begin = run * static_cast<std::uint64_t>(source.frame);
 
   // Address space for all of it at once, so that nothing is copied; pages follow as the bytes come.
   volume.voxels.clear();
   volume.voxels.reserve(bytes);
-  bool trailing = false;
-  for (std::uint64_t part = begin / share; part < parts && part * share < begin + bytes; ++part) {
-    ByteReader reader(source.files[part], source.packing, offsets[part]);
-    const std::uint64_t first = std::max(begin, part * share);
-    const std::uint64_t last = std::min(begin + bytes, (part + 1) * share);
-    const std::uint64_t before = (source.at_end ? 0 : source.skip) + (first - part * share);
-    if (reader.skip(before, context) < before) fail_cut();
-    for (std::uint64_t at = first; at < last;) {
-      context.throw_if_cancelled();
-      const std::size_t wanted = static_cast<std::size_t>(std::min<std::uint64_t>(last - at, kChunk));
+  const auto report = [&] {
+    context.throw_if_cancelled();
+    context.report("read", static_cast<double>(volume.voxels.size()) / static_cast<double>(bytes));
+  };
+  const auto append = [&](std::uint64_t count) {
+    for (std::uint64_t left = count; left > 0;) {
+      const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(left, kChunk));
       const std::size_t old = volume.voxels.size();
-      volume.voxels.resize(old + wanted);
-      if (reader.read(std::span(volume.voxels).subspan(old)) < wanted) fail_cut();
-      at += wanted;
-      context.report("read", static_cast<double>(at - begin) / static_cast<double>(bytes));
+      volume.voxels.resize(old + n);
+      stream.read(std::span(volume.voxels).subspan(old));
+      left -= n;
+      report();
     }
-    // To the end of the stream, where its checksum is.
-    const std::uint64_t rest = (part + 1) * share - last;
-    if (reader.skip(rest, context) < rest) fail_cut();
-    trailing = reader.skip(kMaxTrailing, context) > 0 || trailing;
+  };
+  if (period > kChunk || run == bytes) {
+    stream.skip(begin);
+    append(run);
+    while (volume.voxels.size() < bytes) {
+      stream.skip(period - run);
+      append(run);
+    }
+  } else {
+    // Short runs, a few periods at a time.
+    std::vector<std::byte> piece(static_cast<std::size_t>(kChunk / period * period));
+    for (std::uint64_t left = bytes / run; left > 0;) {
+      const std::uint64_t periods = std::min<std::uint64_t>(left, piece.size() / period);
+      stream.read(std::span(piece).first(static_cast<std::size_t>(periods * period)));
+      for (std::uint64_t p = 0; p < periods; ++p) {
+        const auto from = piece.begin() + static_cast<std::ptrdiff_t>(p * period + begin);
+        volume.voxels.insert(volume.voxels.end(), from, from + static_cast<std::ptrdiff_t>(run));
+      }
+      left -= periods;
+      report();
+    }
   }
-  to_native(volume.voxels, bytes_per_voxel(volume.type), source.big_endian);
+  const bool trailing = stream.finish();
+  if (source.packing != Packing::text) to_native(volume.voxels, static_cast<std::size_t>(width), source.big_endian);
   if (trailing) volume.warnings.push_back("The data go on after the last sample; the rest was ignored.");
 }
 

@@ -19,15 +19,21 @@ namespace spherule {
 
 enum class Packing : std::uint8_t {
   none,
-  deflate  ///< gzip (one or more members) or one zlib stream; checksums are verified
+  deflate,  ///< gzip (one or more members) or one zlib stream; checksums are verified
+  bzip2,    ///< one or more streams; checksums are verified
+  hex,      ///< two digits a byte, blanks anywhere
+  text      ///< decimal numbers with blanks or commas between; unpacks to samples in native byte order
 };
+
+class ByteSource;
 
 /// A file's bytes in order, unpacked. Throws malformed where packed data are damaged or end early, also when only the
 /// checksum at their end is wrong or missing; not_found when the file cannot be opened. One thread at a time.
 class ByteReader {
  public:
-  /// Reads `file` from byte `offset` of the file itself (before unpacking).
-  explicit ByteReader(const std::filesystem::path& file, Packing packing = Packing::none, std::uint64_t offset = 0);
+  /// Reads `file` from byte `offset` of the file itself (before unpacking). `type` is that of samples in text.
+  explicit ByteReader(const std::filesystem::path& file, Packing packing = Packing::none, std::uint64_t offset = 0,
+                      VoxelType type = VoxelType::uint8);
   ~ByteReader();
   ByteReader(const ByteReader&) = delete;
   ByteReader& operator=(const ByteReader&) = delete;
@@ -39,8 +45,7 @@ class ByteReader {
   std::uint64_t skip(std::uint64_t count, const Context& context);
 
  private:
-  struct State;
-  std::unique_ptr<State> state_;
+  std::unique_ptr<ByteSource> source_;
 };
 
 /// Whether the file starts like a gzip stream.
@@ -56,10 +61,11 @@ struct SampleSource {
   Packing packing = Packing::none;
   std::uint64_t offset = 0;  ///< bytes of each file before its share, before unpacking
   std::uint64_t skip = 0;    ///< bytes before its share, after unpacking
-  bool at_end = false;       ///< the share is the end of the file; offset and skip do not matter (unpacked files only)
+  bool at_end = false;       ///< the share is the end of the file, after unpacking; offset and skip do not matter
   bool big_endian = false;
   std::int64_t frames = 1;  ///< volumes of this size one after another ...
   std::int64_t frame = 0;   ///< ... of which this one is wanted
+  std::uint64_t run = 0;    ///< samples of one volume side by side before those of the next; 0: all that it has
 };
 
 /// The one of `frames` volumes that the options choose.
@@ -71,10 +77,15 @@ std::int64_t chosen_frame(std::int64_t frames, const ReadOptions& options);
 std::array<std::int32_t, 3> checked_dims(const std::array<std::int64_t, 3>& dims, VoxelType type,
                                          const ReadLimits& limits);
 
+/// Whether the source's one file has all the samples of such volumes and nothing after them. Takes no memory for them;
+/// O(bytes) of a packed file.
+bool holds_exactly(const Volume& volume, const SampleSource& source, const Context& context);
+
 /// Reads the samples of volume.grid.dims and volume.type into volume.voxels, in native byte order.
 /// The sizes must have passed `checked_dims`. Throws malformed when the files hold fewer bytes (seen before memory is
-/// taken: deflate packs at most 1032 to 1) or damaged ones; bytes after the samples only add a warning.
-/// Memory: pages are touched only as bytes arrive. Polls cancellation and reports "read" after every MiB.
+/// taken, by what a packing can expand to at most) or damaged ones; bytes after the samples only add a warning.
+/// Memory: pages are touched only as bytes arrive, and 2 MiB beside them. Polls cancellation and reports "read" after
+/// every MiB.
 void read_samples(Volume& volume, const SampleSource& source, const Context& context);
 
 }  // namespace spherule

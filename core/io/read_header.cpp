@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/io/read_header.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 namespace spherule {
@@ -39,6 +41,48 @@ std::string_view next_line(std::string_view& text) {
   text = end == std::string_view::npos ? std::string_view{} : text.substr(end + 1);
   if (line.ends_with('\r')) line.remove_suffix(1);
   return line;
+}
+
+std::string lowered(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return result;
+}
+
+std::optional<double> millimetres(std::string_view unit) {
+  struct Unit {
+    double mm;
+    std::vector<std::string_view> words;
+  };
+  static const std::vector<Unit> units{
+      {1e-9, {"pm", "picometer", "picometre"}},
+      {1e-7, {"a", "angstrom", "\u00e5", "\u00c5", "\u212b"}},
+      {1e-6, {"nm", "nanometer", "nanometre"}},
+      {1e-3, {"um", "\u00b5m", "\u03bcm", "micron", "micrometer", "micrometre"}},
+      {1, {"mm", "millimeter", "millimetre"}},
+      {10, {"cm", "centimeter", "centimetre"}},
+      {100, {"dm", "decimeter", "decimetre"}},
+      {1000, {"m", "meter", "metre"}},
+      {1e6, {"km", "kilometer", "kilometre"}},
+      {25.4, {"in", "inch", "inche"}},  // the last without its plural
+  };
+  std::string word = lowered(trimmed(unit));
+  if (word.size() > 2 && word.back() == 's') word.pop_back();
+  for (const Unit& known : units) {
+    if (std::ranges::find(known.words, word) != known.words.end()) return known.mm;
+  }
+  return std::nullopt;
+}
+
+double millimetres_or_one(std::string_view unit, std::vector<std::string>& warnings) {
+  unit = trimmed(unit);
+  if (unit.empty() || unit == "?" || unit == "???") return 1;
+  if (const std::optional<double> mm = millimetres(unit)) return *mm;
+  const std::string warning = "The header's unit of length is not known; lengths were taken as millimetres.";
+  if (std::ranges::find(warnings, warning) == warnings.end()) warnings.push_back(warning);
+  return 1;
 }
 
 std::int64_t header_integer(std::string_view word) {
@@ -122,25 +166,58 @@ std::vector<std::string> numbered_names(std::string_view pattern, std::span<cons
   return names;
 }
 
+namespace {
+
+std::string_view last_part(std::string_view name) {
+  name = name.substr(name.find_last_of("/\\") + 1);
+  return name == "." || name == ".." ? std::string_view{} : name;
+}
+
+// The name is repeated only where it is plain and short.
+[[noreturn]] void fail_not_sent(std::string_view name) {
+  constexpr std::size_t kLongest = 64;
+  const auto plain = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '-' ||
+           c == '_';
+  };
+  const bool shown = !name.empty() && name.size() <= kLongest && std::ranges::all_of(name, plain);
+  throw Error(ErrorCode::malformed, "The header names data files that were not sent" +
+                                        (shown ? " (" + std::string(name) + ")" : std::string()) +
+                                        "; send the header and all its data files together.");
+}
+
+const std::filesystem::path* find_file(std::string_view name, const std::vector<std::filesystem::path>& files) {
+  const auto found = std::ranges::find_if(files, [&](const auto& file) { return file.filename() == name; });
+  return name.empty() || found == files.end() ? nullptr : &*found;
+}
+
+}  // namespace
+
 std::vector<std::filesystem::path> named_files(const std::vector<std::string>& names,
                                                const std::vector<std::filesystem::path>& files) {
-  std::map<std::string, std::filesystem::path> by_name;
+  std::map<std::string, std::filesystem::path, std::less<>> by_name;
   for (const auto& file : files) by_name.emplace(file.filename().string(), file);
   std::vector<std::filesystem::path> found;
-  for (std::string_view name : names) {
-    if (name.starts_with("./")) name.remove_prefix(2);
-    if (name.find_first_of("/\\") != std::string_view::npos || name == ".." || name.empty()) {
-      throw Error(ErrorCode::malformed,
-                  "The header names a data file in another folder; put the plain name of a file sent along with it.");
-    }
-    const auto file = by_name.find(std::string(name));
-    if (file == by_name.end()) {
-      throw Error(ErrorCode::malformed,
-                  "The header names data files that were not sent; send the header and all its data files together.");
-    }
+  for (const std::string& name : names) {
+    const auto file = by_name.find(last_part(name));
+    if (file == by_name.end()) fail_not_sent(last_part(name));
     found.push_back(file->second);
   }
   return found;
+}
+
+std::filesystem::path data_file(std::string_view name, const std::filesystem::path& header,
+                                const std::vector<std::filesystem::path>& files,
+                                const std::function<bool(const std::filesystem::path&)>& fits,
+                                std::vector<std::string>& warnings) {
+  if (const std::filesystem::path* named = find_file(last_part(name), files)) return *named;
+  std::vector<std::filesystem::path> others;
+  std::ranges::copy_if(files, std::back_inserter(others), [&](const auto& file) { return file != header; });
+  if (others.size() != 1 || !fits(others.front())) fail_not_sent(last_part(name));
+  warnings.emplace_back(
+      "The header names its data file otherwise; the only other file that was sent has just the samples that it wants "
+      "and was taken.");
+  return others.front();
 }
 
 }  // namespace spherule

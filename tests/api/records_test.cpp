@@ -49,7 +49,7 @@ TEST(Records, OfRequestsReadBack) {
     request.rule.side = Side::below;
     request.rule.border = Border::open;
     if (kind == ObjectRule::Kind::labels) {
-      request.rule.labels = {-9007199254740993, 9223372036854775807};
+      request.rule.labels = {min_label, -9007199254740993, 9223372036854775807, max_label};
     } else {
       request.rule.lo = -1e-300;
       request.rule.hi = kind == ObjectRule::Kind::range ? 0.1 : 0;

@@ -320,8 +320,13 @@ TEST_F(Routes, UnderstandEveryKindOfObject) {
   EXPECT_EQ(service.made->rule.border, Border::open);
   ask("POST", "/v1/models", {.body = R"({"volume": "v", "labels": [7, -3, 7]})"});
   EXPECT_EQ(service.made->rule.kind, ObjectRule::Kind::labels);
-  EXPECT_EQ(service.made->rule.labels, (std::vector<std::int64_t>{-3, 7}));
+  EXPECT_EQ(service.made->rule.labels, (std::vector<Label>{-3, 7}));
   EXPECT_EQ(service.made->rule.side, Side::above) << "natural sides are of thresholds";
+  // Beyond 2^53 strings keep what a client's numbers would round; both mean the same, and so have the same id.
+  ask("POST", "/v1/models",
+      {.body =
+           R"({"volume": "v", "labels": ["9223372036854775813", "-9007199254740993", 9223372036854775813, "7", 7]})"});
+  EXPECT_EQ(service.made->rule.labels, (std::vector<Label>{-9007199254740993, 7, (Label{1} << 63) + 5}));
 }
 
 TEST_F(Routes, RefuseWrongModelRequestsByField) {
@@ -337,7 +342,10 @@ TEST_F(Routes, RefuseWrongModelRequestsByField) {
       {R"({"volume": "v", "range": {"0": 1, "1": 2}})", "/range "},
       {R"({"volume": "v", "labels": []})", "/labels "},
       {R"({"volume": "v", "labels": [1.5]})", "/labels "},
-      {R"({"volume": "v", "labels": [18446744073709551615]})", "/labels "},
+      {R"({"volume": "v", "labels": [18446744073709551616]})", "/labels "},
+      {R"({"volume": "v", "labels": ["18446744073709551616"]})", "/labels "},
+      {R"({"volume": "v", "labels": ["1.5"]})", "/labels "},
+      {R"({"volume": "v", "labels": [""]})", "/labels "},
       {R"({"volume": "v", "threshold": 1, "inside": "up"})", "/inside "},
       {R"({"volume": "v", "threshold": 1, "border": true})", "/border "},
       {R"({"volume": "v", "treshold": 1, "a/b~c": 2})", "/a~1b~0c /treshold  "},
@@ -653,7 +661,7 @@ TEST_F(Routes, DrawSlicesAsAsked) {
   EXPECT_EQ(ask("GET", path + "?labels=7,-3,7&inside=below&border=open&format=svg").header("Content-Type"),
             "image/svg+xml");
   slice = std::get<api::SliceRequest>(service.derived->what);
-  EXPECT_EQ(slice.object->labels, (std::vector<std::int64_t>{-3, 7}));
+  EXPECT_EQ(slice.object->labels, (std::vector<Label>{-3, 7}));
   EXPECT_EQ(slice.object->border, Border::open);
 }
 
@@ -691,6 +699,7 @@ TEST_F(Routes, RefuseSlicesThatMakeNoSense) {
                                                                {"range=5,1", "range "},
                                                                {"labels=", "labels "},
                                                                {"labels=1.5", "labels "},
+                                                               {"labels=18446744073709551616", "labels "},
                                                                {"threshold=1&labels=1", "threshold "},
                                                                {"inside=above", "inside "},
                                                                {"show=points", "show "},

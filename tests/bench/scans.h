@@ -84,7 +84,7 @@ inline Volume read(const Scan& scan, const std::filesystem::path& folder) {
 }
 
 inline std::string name_of(const Scan& scan) {
-  std::string rule = scan.rule.kind == ObjectRule::Kind::labels ? "label " + std::to_string(scan.rule.labels[0])
+  std::string rule = scan.rule.kind == ObjectRule::Kind::labels ? "label " + to_text(scan.rule.labels[0])
                                                                 : std::to_string(scan.rule.lo);
   if (scan.rule.kind != ObjectRule::Kind::labels) rule.erase(rule.find_last_not_of('0') + 1);
   if (rule.back() == '.') rule.pop_back();

@@ -118,6 +118,7 @@ TEST(Csv, RefusesSpheresThatCannotBeUsed) {
   expect_csv_error("x,y,z,r\n1,2,3,inf\n", bad, "Sphere 1 has a coordinate or radius that is not finite");
   expect_csv_error("x,y,z,r\n1,2,3,-1e-9\n", bad, "Sphere 1 has a negative radius");
   expect_csv_error("x,y,z,r\n1e10,2,3,1\n", bad, "beyond 1e9 mm");
+  expect_csv_error("x,y,z,r\n1,2,3,0\n1,2,3,1e-170\n", bad, "Sphere 2 has a radius below 1e-18 mm");
   expect_csv_error("", bad, "has no spheres");
   expect_csv_error("# only\nx,y,z,r\n", bad, "has no spheres");
 }

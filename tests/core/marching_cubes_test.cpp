@@ -268,6 +268,22 @@ TEST(MarchingCubes, HaveNoHolesOnNoiseAndTheTopologyOfTheirCells) {
   EXPECT_GT(triangles, 10000U);
 }
 
+// Samples that are not finite are outside, whichever side of a range their neighbours are on.
+TEST(MarchingCubes, HaveNoHolesBesideSamplesThatAreNotFinite) {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const Volume volume = phantoms::noise_with_gaps(grid_of({9, 7, 8}, {1, 2, 1.5}), 17, seed);
+    for (const Side side : {Side::above, Side::below}) {
+      for (const ObjectRule& rule :
+           {phantoms::threshold(7.5, Border::closed, side), phantoms::range(4.5, 9.25, Border::closed, side),
+            phantoms::range(6, 6, Border::closed, side), phantoms::labels({1, 3, 4, 8, 9}, Border::closed, side)}) {
+        const Drawn drawn = draw(volume, rule);
+        ASSERT_TRUE(torn_edges(drawn.mesh).empty()) << seed;
+        ASSERT_NEAR(drawn.measures.volume_mm3, volume_of(drawn.mesh), 1e-9 * drawn.measures.area_mm2);
+      }
+    }
+  }
+}
+
 // What is between two surfaces of a range is what is above one and not above the other.
 TEST(MarchingCubes, OfARangeAreTheDifferenceOfTwoThresholds) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {

@@ -89,6 +89,49 @@ TEST(GridFromAffine, RefusesWhatIsNoGrid) {
   EXPECT_EQ(code_of([&] { grid_from_affine({2, 2, -1}, {}, {}); }), ErrorCode::unusable);
 }
 
+// Whatever is made of a volume must stay a finite number: bounds in mm, and in steps.
+TEST(GridFromAffine, RefusesWhatWouldMakeFiguresThatAreNotFinite) {
+  const auto scaled = [](double step) { return Mat3{{Vec3{step, 0, 0}, Vec3{0, step, 0}, Vec3{0, 0, step}}}; };
+  for (const double step : {1e110, 1.1e9, 0.6e9, 0.9e-9, 1e-110})
+    EXPECT_EQ(code_of([&] { grid_from_affine({3, 3, 3}, scaled(step), {}); }), ErrorCode::unusable) << step;
+  for (const double step : {0.5e9, 1e-9}) EXPECT_NO_THROW(grid_from_affine({3, 3, 3}, scaled(step), {})) << step;
+  for (const double far : {1e110, 1.1e9, -1.1e9})
+    EXPECT_EQ(code_of([&] { grid_from_affine({3, 3, 3}, {}, {0, far, 0}); }), ErrorCode::unusable) << far;
+  EXPECT_NO_THROW(grid_from_affine({3, 3, 3}, {}, {0, 0.9e9, 0}));
+  // The far corner counts, the way that the axes point.
+  EXPECT_NO_THROW(grid_from_affine({11, 1, 1}, scaled(-1e8), {0.9e9, 0, 0}));
+  EXPECT_EQ(code_of([&] { grid_from_affine({11, 1, 1}, scaled(1e8), {0.9e9, 0, 0}); }), ErrorCode::unusable);
+  // So far away that neighbouring samples would be in the same place.
+  EXPECT_NO_THROW(grid_from_affine({3, 3, 3}, scaled(0.01), {5e6, 4e5, 100}));
+  EXPECT_NO_THROW(grid_from_affine({3, 3, 3}, scaled(1e-3), {0x1p35 * 1e-3, 0, 0}));
+  EXPECT_EQ(code_of([&] { grid_from_affine({3, 3, 3}, scaled(1e-3), {0x1p37 * 1e-3, 0, 0}); }), ErrorCode::unusable);
+  EXPECT_EQ(code_of([&] {
+              grid_from_affine({3, 3, 3}, {{Vec3{1e110, 1e110, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}}}, {});
+            }),
+            ErrorCode::unusable);
+}
+
+TEST(ValueRange, IsOfValuesThatAreFiniteNotOfStoredNumbers) {
+  const Grid grid{.dims = {3, 1, 1}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
+  const std::array values{1e300, -1e10, 3.0};
+  auto volume = phantoms::sample([&](Vec3 p) { return values[static_cast<std::size_t>(p.x)]; }, grid);
+  volume.slope = 1e200;
+  EXPECT_EQ(value_range(volume).not_finite, 1U);
+  EXPECT_EQ(value_range(volume).min, 1e200 * -1e10);
+  EXPECT_EQ(value_range(volume).max, 1e200 * 3);
+}
+
+TEST(ValueHistogram, OfAllThatFloatsHoldDoesNotOverflow) {
+  const Grid grid{.dims = {3, 1, 1}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
+  const double largest = std::numeric_limits<double>::max(), least = std::numeric_limits<double>::denorm_min();
+  for (const auto& values : {std::array{-largest, 0.0, largest}, std::array{0.0, 0.0, least}}) {
+    const auto volume = phantoms::sample([&](Vec3 p) { return values[static_cast<std::size_t>(p.x)]; }, grid);
+    const auto counts = value_histogram(volume, value_range(volume), 3);
+    EXPECT_EQ(counts[0] + counts[1] + counts[2], 3U);
+    EXPECT_GE(counts[0], 1U);
+  }
+}
+
 TEST(ValueRange, IsOverFiniteSamplesOnly) {
   const double inf = std::numeric_limits<double>::infinity(), nan = std::numeric_limits<double>::quiet_NaN();
   const Grid grid{.dims = {5, 1, 1}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};

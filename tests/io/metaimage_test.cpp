@@ -94,6 +94,51 @@ TEST(MetaImage, ConvertsUnitsToMillimetres) {
   }
 }
 
+TEST(MetaImage, FieldsThatDoNotMatterMayRepeatAndComeFirst) {
+  const std::string own = "NDims = 3\nDimSize = 3 4 5\nElementSpacing = 1 2 3\n";
+  EXPECT_TRUE(read(with("Comment = b\n", own)).warnings.empty());
+  for (const std::string& bytes :
+       {with("Comment = a\nComment = b\n", own), "0008|0060 = CT\n0010|0010 = X\n" + with("", own),
+        "Name = x\n" + std::string(10'000, '#').replace(0, 4, "a = ") + "\n" + with("", own)}) {
+    if (bytes.find("####") != std::string::npos) {
+      EXPECT_EQ(read(bytes).grid.spacing, (Vec3{1, 2, 3}));
+      continue;
+    }
+    const Volume volume = read(bytes);
+    EXPECT_EQ(volume.grid.spacing, (Vec3{1, 2, 3}));
+    EXPECT_TRUE(warns(volume, "do not matter for the volume"));
+  }
+  refuse(with("ElementSpacing = 1 2 4\n", own), ErrorCode::malformed);
+}
+
+TEST(MetaImage, FindsDataByTheLastPartOfItsNameOrByItsSize) {
+  const std::string fields = "NDims = 3\nDimSize = 3 4 5\nElementType = MET_UCHAR\nElementDataFile = ";
+  const TempFolder folder;
+  const auto raw = folder.add("head.raw", std::string(60, '\7')), cut = folder.add("cut.raw", std::string(59, '\7'));
+  for (const char* name : {"data/head.raw", "./head.raw", "C:\\scans\\head.raw"}) {
+    const Volume volume = read_volume({folder.add("doe.mhd", fields + name + "\n"), raw});
+    EXPECT_EQ(samples<std::uint8_t>(volume), std::vector<std::uint8_t>(60, 7));
+    EXPECT_TRUE(volume.warnings.empty());
+  }
+  const auto header = folder.add("doe.mhd", fields + "volume.raw\n");
+  EXPECT_TRUE(warns(read_volume({header, raw}), "names its data file otherwise"));
+  expect_refused({header, cut}, ErrorCode::malformed);
+  expect_refused({header, raw, cut}, ErrorCode::malformed);
+  try {
+    read_volume({header, cut});
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("(volume.raw)"), std::string::npos) << error.what();
+  }
+}
+
+TEST(MetaImage, HostileHeadersTakeNoMultipleOfTheirSize) {
+  std::string keys, list, sizes = "DimSize =";
+  for (int n = 0; n < 2'000'000; ++n) keys += "k" + std::to_string(n) + "=\n", list += "a\n", sizes += " 1";
+  refuse("NDims = 3\n" + keys, ErrorCode::malformed);
+  refuse("NDims = 3\nDimSize = 3 4 5\nElementType = MET_UCHAR\nElementDataFile = LIST\n" + list, ErrorCode::malformed);
+  refuse("NDims = 3\n" + sizes + "\n", ErrorCode::malformed);
+}
+
 TEST(MetaImage, ReadsListsPatternsAndOffsets) {
   const TempFolder folder;
   Paths slices;

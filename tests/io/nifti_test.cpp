@@ -150,6 +150,78 @@ TEST(Nifti, RefusesShearedSingularAndNonFiniteAffines) {
   refuse(zeros({.qform_code = 1, .sform_code = 0, .qoffset = {0, HUGE_VAL, 0}}), ErrorCode::unusable);
 }
 
+TEST(Nifti, TakesTheQformWhereTheSformCannotBeUsed) {
+  Nifti n{.pixdim = {1, 2, 3, 4, 1, 1, 1, 1}, .qform_code = 1, .sform_code = 1, .qoffset = {-10, -20, -30}};
+  const double nan = std::nan("");
+  for (const std::array<double, 12>& srow :
+       {std::array<double, 12>{}, std::array<double, 12>{nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan},
+        std::array<double, 12>{2, 1, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0},
+        std::array<double, 12>{1e30, 0, 0, 0, 0, 1e30, 0, 0, 0, 0, 1e30, 0}}) {
+    n.srow = srow;
+    const Volume volume = read(zeros(n));
+    EXPECT_EQ(volume.grid.spacing, (Vec3{2, 3, 4}));
+    expect_near(volume.grid.origin, {10, 20, -30}, 0);
+    EXPECT_TRUE(warns(volume, "the qform"));
+    EXPECT_FALSE(warns(volume, "pixdim; the sform"));
+  }
+  n.pixdim[2] = 0;
+  refuse(zeros(n), ErrorCode::unusable);
+}
+
+TEST(Nifti, SaysWhereSformAndPixdimDisagree) {
+  const auto warned = [](std::array<double, 8> pixdim, std::array<double, 12> srow, int units = 2) {
+    return warns(read(zeros({.pixdim = pixdim, .units = units, .srow = srow})), "than its pixdim");
+  };
+  EXPECT_TRUE(warned({1, 0.866, 0.866, 0.796, 1, 1, 1, 1}, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
+  EXPECT_TRUE(warned({1, 2, 3, 4.01, 1, 1, 1, 1}, {2, 0, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0}));
+  EXPECT_FALSE(warned({1, 2, 3, 4, 1, 1, 1, 1}, {2, 0, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0}));
+  EXPECT_FALSE(warned({-1, -2, 3, 4, 1, 1, 1, 1}, {0, -3, 0, 0, 2, 0, 0, 0, 0, 0, 4, 0})) << "turned, old signs";
+  EXPECT_FALSE(warned({1, 200, 300, 400, 1, 1, 1, 1}, {200, 0, 0, 0, 0, 300, 0, 0, 0, 0, 400, 0}, 3)) << "microns";
+  EXPECT_FALSE(warned({1, 0, 0, 0, 1, 1, 1, 1}, {2, 0, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0})) << "pixdim says nothing";
+}
+
+TEST(Nifti, MendsWhatLibniftiMendsAndSaysSo) {
+  Nifti n{.dims = {3, 4, 5, 0}, .qform_code = 1, .sform_code = 0};
+  for (const int version : {1, 2}) {
+    n.version = version;
+    EXPECT_TRUE(warns(read(zeros(n)), "beyond its third dimension"));
+  }
+  n = {.dims = {6, 10, 1}, .pixdim = {1, 2, 3, 0, 1, 1, 1, 1}, .qform_code = 1, .sform_code = 0};
+  const Volume volume = read(zeros(n));
+  EXPECT_EQ(volume.grid.spacing, (Vec3{2, 3, 1}));
+  EXPECT_TRUE(warns(volume, "pixdim 0"));
+  n = {.dims = {3, 4, 5}, .pixdim = {1, 2, 3, 0, 1, 1, 1, 1}, .qform_code = 1, .sform_code = 0};
+  refuse(zeros(n), ErrorCode::unusable);
+  // Only the flag of extensions, and none behind it.
+  std::string flagged = zeros({});
+  flagged[348] = 1;
+  EXPECT_TRUE(read(flagged).warnings.empty());
+}
+
+TEST(Nifti, RefusesScalingThatMakesInfiniteValues) {
+  Nifti n{.version = 2, .datatype = 1280, .slope = 1e290};
+  refuse(zeros(n, 480), ErrorCode::unusable);
+  n.slope = 1, n.intercept = -1e290;
+  refuse(zeros(n, 480), ErrorCode::unusable);
+}
+
+TEST(Nifti, RefusesGeometryBeyondItsBounds) {
+  for (const double step : {1e30, 1e-30}) {
+    refuse(zeros({.srow = {step, 0, 0, 0, 0, step, 0, 0, 0, 0, step, 0}}), ErrorCode::unusable);
+    const float f = static_cast<float>(step);
+    refuse(zeros({.pixdim = {1, f, f, f, 1, 1, 1, 1}, .qform_code = 1, .sform_code = 0}), ErrorCode::unusable);
+  }
+  refuse(zeros({.srow = {1, 0, 0, 1e30, 0, 1, 0, 0, 0, 0, 1, 0}}), ErrorCode::unusable);
+}
+
+TEST(Nifti, APairsSamplesOfTheRightSizeAreNoGzipWhateverTheyStartWith) {
+  std::string image(60, '\7');
+  image[0] = '\x1f', image[1] = '\x8b';
+  const TempFolder folder;
+  const Volume volume = read_volume({folder.add("doe.hdr", header({.pair = true})), folder.add("doe.img", image)});
+  EXPECT_EQ(samples<std::uint8_t>(volume)[1], 0x8b);
+}
+
 TEST(Nifti, ReadsFlatPicturesAsOneSlice) {
   const Volume flat =
       read(header({.dims = {6, 10}, .srow = {2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0}}) + std::string(60, 1));

@@ -64,6 +64,10 @@ TEST(Raw, RefusesSizesThatTheFileOrTheLimitsDoNotHold) {
   expect_refused_cheaply({file}, ErrorCode::malformed, raw({.dims = {1000, 1000, 1000}}));
   expect_refused_cheaply({file}, ErrorCode::too_large, raw({.dims = {INT32_MAX, INT32_MAX, INT32_MAX}}));
   EXPECT_TRUE(warns(read_volume({file}, raw({.dims = {3, 4, 4}})), "go on after the last sample"));
+  for (const double step : {1e110, 1e-110, 1e9})
+    expect_refused_cheaply({file}, ErrorCode::invalid_argument, raw({.dims = {3, 4, 5}, .spacing = {1, step, 1}}));
+  for (const double far : {1e110, -2e9})
+    expect_refused_cheaply({file}, ErrorCode::invalid_argument, raw({.dims = {3, 4, 5}, .origin = {0, far, 0}}));
 }
 
 }  // namespace

@@ -84,6 +84,19 @@ TEST(Read, CountsValuesThatAreNotFinite) {
   EXPECT_TRUE(std::isnan(value_at(volume, 0, 1, 0)));
 }
 
+TEST(Read, SaysWhereSlicesAreThick) {
+  const TempFolder folder;
+  const auto warned = [&](std::array<std::int32_t, 3> dims, Vec3 spacing) {
+    const auto file = folder.add("doe", std::string(60, '\1'));
+    return warns(read_volume({file}, {.raw = RawLayout{.dims = dims, .spacing = spacing}}), "thick slices");
+  };
+  EXPECT_FALSE(warned({3, 4, 5}, {1, 1, 3.9}));
+  EXPECT_TRUE(warned({3, 4, 5}, {1, 1, 3.92}));
+  EXPECT_TRUE(warned({3, 4, 5}, {30, 1, 1}));
+  EXPECT_TRUE(warned({3, 4, 5}, {1, 1, 0.03}));
+  EXPECT_FALSE(warned({6, 10, 1}, {1, 1, 30})) << "one slice";
+}
+
 TEST(Read, ReportsProgressAndStopsWhenAsked) {
   const TempFolder folder;
   const auto file = folder.add("doe", gzip(header({.dims = {256, 256, 64}}) + std::string(256 * 256 * 64, '\1')));

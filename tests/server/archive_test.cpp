@@ -7,8 +7,11 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <sstream>
 
 #include "core/base/error.h"
+#include "core/inside.h"
+#include "core/io/read.h"
 #include "server/digest.h"
 #include "tests/archives.h"
 
@@ -31,6 +34,18 @@ class Archive : public testing::Test {
         [&](std::string_view piece) { *now += piece; });
     return files;
   }
+  static Volume read(const std::map<std::string, std::string>& files) {
+    const auto folder = std::filesystem::temp_directory_path() / random_id("unzipped");
+    std::filesystem::create_directory(folder);
+    std::vector<std::filesystem::path> paths;
+    for (const auto& [name, bytes] : files) {
+      paths.push_back(folder / name);
+      std::ofstream(paths.back(), std::ios::binary) << bytes;
+    }
+    Volume volume = read_volume(paths);
+    std::filesystem::remove_all(folder);
+    return volume;
+  }
   // The code that refuses this, or nothing.
   std::optional<ErrorCode> refusal(const std::string& bytes, ArchiveLimits limits = {.unpacked_bytes = 1 << 30}) {
     try {
@@ -51,12 +66,35 @@ TEST_F(Archive, GivesItsFilesWithoutFolders) {
                                  {"K\xc3\xb6rper.dcm", "d"},
                                  {"__MACOSX/scan/._a.mhd", "clutter"},
                                  {"scan/.DS_Store", "clutter"},
+                                 {"scan/._a.mhd", "clutter"},
                                  {"empty", ""}}));
   const std::map<std::string, std::string> expected = {
       {"a.mhd", "header"}, {"b.raw", long_text}, {"K\xc3\xb6rper.dcm", "d"}, {"empty", ""}};
   EXPECT_EQ(files, expected);
   EXPECT_TRUE(is_zip(zip({{"a", "b"}})));
   EXPECT_FALSE(is_zip("PK"));
+}
+
+// A header in one folder names its data in another: both come without folders, and the last part of the name counts.
+TEST_F(Archive, OfAHeaderThatNamesDataInAFolderIsRead) {
+  const std::string header =
+      "ObjectType = Image\nNDims = 3\nDimSize = 3 4 5\nElementType = MET_UCHAR\nElementDataFile = data/head.raw\n";
+  const auto files = unpack(zip({{"scan/head.mhd", header}, {"scan/data/head.raw", std::string(60, '\7')}}));
+  EXPECT_EQ(read(files).voxels, std::vector<std::byte>(60, std::byte{7}));
+}
+
+TEST_F(Archive, OfTheFieldAreRead) {
+  for (const char* name : {"14-subfolder-mhd.zip", "P6-mac.zip"}) {
+    const auto archive = std::filesystem::path(SPHERULE_SHARED_DATA) / "field" / name;
+    if (!std::filesystem::exists(archive)) GTEST_SKIP() << "the shared data are not here: " << SPHERULE_SHARED_DATA;
+    std::ostringstream bytes;
+    bytes << std::ifstream(archive, std::ios::binary).rdbuf();
+    const Volume volume = read(unpack(bytes.str()));
+    ObjectRule rule;
+    rule.lo = 600;
+    EXPECT_EQ(classify_samples(volume, rule).inside.count(), 500U) << name;
+    EXPECT_TRUE(volume.warnings.empty()) << name;
+  }
 }
 
 TEST_F(Archive, RefusesNamesThatLeaveTheFolder) {
