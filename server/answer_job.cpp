@@ -60,12 +60,22 @@ std::string file(Store& store, const Resource& resource, std::uint32_t level, co
                  const api::FileRequest& wanted, const Context& context) {
   const std::optional<api::ModelRequest> source = api::model_from(store.root_of(resource).document).source;
   std::optional<Grid> scan;
-  if (source) scan = api::volume_from(store.find_volume(source->volume).document).grid;
+  std::optional<InsideSamples> samples;
+  if (source) {
+    const Resource volume = store.find_volume(source->volume);
+    scan = api::volume_from(volume.document).grid;
+    if (mask_needs_samples(wanted.format, wanted.options, model)) {
+      samples.emplace(classify_samples(store.stored_volume(volume, context), source->rule, context));
+    }
+  }
   std::optional<UnionMeasures> whole;
   if (needs_union(wanted.format)) whole.emplace(store.union_of(resource, level, model, context));
-  return spheres_to_file(
-      wanted.format, {.spheres = model.spheres, .scan = scan ? &*scan : nullptr, .whole = whole ? &*whole : nullptr},
-      wanted.options, context);
+  return spheres_to_file(wanted.format,
+                         {.spheres = model.spheres,
+                          .scan = scan ? &*scan : nullptr,
+                          .inside = samples ? &samples->inside : nullptr,
+                          .whole = whole ? &*whole : nullptr},
+                         wanted.options, context);
 }
 
 std::string checks(Store& store, const Resource& resource, const SphereModel& model, JobContext& job) {

@@ -40,8 +40,10 @@ std::uint64_t to_write(Store& store, const api::DerivedRequest& request, const a
   std::optional<Grid> scan;
   if (file.format == FileFormat::nifti && source) scan = volume_info(store, source->volume).grid;
   const ModelSize size = size_of(store, model);
+  // A mask of a scan's own object is made from its samples.
+  const bool reads = file.format == FileFormat::nifti && size.raw() && size.scan && !file.options.voxel_mm;
   return (needs_union(file.format) ? memory_to_measure_parts(size) : size.loaded()) +
-         memory_to_write(file, spheres, info.bounds, scan);
+         (reads ? memory_to_count(*size.scan) : 0) + memory_to_write(file, spheres, info.bounds, scan);
 }
 
 std::uint64_t to_list(Store& store, const Resource& model, const api::ExportRequest& wanted) {

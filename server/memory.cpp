@@ -104,8 +104,8 @@ std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t sphere
                               const std::optional<Grid>& scan) {
   // Text that grows by doubling; corners and triangles of meshes likewise; a block of a level set as it is made, in the
   // library's tree and in the file; a mask as bits, as bytes and packed.
-  constexpr std::uint64_t bytes_a_line = 400, bytes_a_triangle = 90, bytes_a_block = 8192, bytes_a_sample = 3,
-                          most_samples = std::uint64_t{1} << 29;
+  constexpr std::uint64_t bytes_a_line = 400, bytes_a_triangle = 90, bytes_a_block = 8192, bytes_a_node = 36864,
+                          bytes_a_sample = 3, most_samples = std::uint64_t{1} << 29;
   switch (file.format) {
     case FileFormat::glb: {
       if (file.options.glb.style == GlbOptions::Style::instanced) return spheres * bytes_a_line;
@@ -115,7 +115,10 @@ std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t sphere
     case FileFormat::vdb: {
       const Vec3 size = box.max - box.min;
       const double voxel = file.options.voxel_mm.value_or(std::max({size.x, size.y, size.z, 1e-6}) / 256);
-      return cubes_in(box, 8 * voxel, max_level_set_blocks) * bytes_a_block;
+      // Blocks far apart have nodes of 128³ voxels to themselves; no more of those than fit into a quarter as much.
+      const std::uint64_t most_nodes = max_level_set_blocks * bytes_a_block / 4 / bytes_a_node;
+      return cubes_in(box, 8 * voxel, max_level_set_blocks) * bytes_a_block +
+             cubes_in(box, 128 * voxel, most_nodes) * bytes_a_node;
     }
     case FileFormat::nifti: {
       const auto& voxel = file.options.voxel_mm;

@@ -118,7 +118,8 @@ struct Run {
   Report& report;
   const Context context = line.context(options.threads);
   std::vector<StageTime> timings{};
-  std::optional<Grid> scan{};  // of the volume that was read
+  std::optional<Grid> scan{};             // of the volume that was read
+  std::optional<InsideSamples> inside{};  // of its object, where a mask is to be that
 
   template <typename F>
   auto timed(const char* stage, F&& work) {
@@ -163,9 +164,12 @@ struct Run {
                  const FileFormat format = *other_format(options.out);
                  std::optional<UnionMeasures> whole;
                  if (needs_union(format)) whole.emplace(measure_union(spheres, context));
-                 return spheres_to_file(
-                     format, {.spheres = spheres, .scan = scan ? &*scan : nullptr, .whole = whole ? &*whole : nullptr},
-                     parse_file_options(format, options.file), context);
+                 return spheres_to_file(format,
+                                        {.spheres = spheres,
+                                         .scan = scan ? &*scan : nullptr,
+                                         .inside = inside ? &inside->inside : nullptr,
+                                         .whole = whole ? &*whole : nullptr},
+                                        parse_file_options(format, options.file), context);
                }));
   }
 
@@ -235,8 +239,15 @@ struct Run {
   }
 
   void model() {
-    const BuiltModel built = obtain();
+    std::optional<Volume> volume;
+    if (!holds_spheres(options)) volume.emplace(read());
+    const BuiltModel built = volume ? build(*volume) : obtain();
     counts(built);
+    if (volume && !options.out.empty() && !table_format(options.out) &&
+        mask_needs_samples(*other_format(options.out), parse_file_options(*other_format(options.out), options.file),
+                           built.model)) {
+      inside.emplace(classify_samples(*volume, rule(*volume), context));
+    }
     export_spheres(built.model.spheres);
   }
 

@@ -25,14 +25,12 @@ void append_number(std::string& out, T value) {
   out.append(bytes, sizeof value);
 }
 
-/// Appends x y z r of every sphere, and its columns, as float32.
-inline void append_float32_rows(std::string& out, std::span<const Sphere> spheres,
-                                std::span<const SphereColumn> columns) {
+/// Appends x y z r of every sphere, and its columns, as float64.
+inline void append_rows(std::string& out, std::span<const Sphere> spheres, std::span<const SphereColumn> columns) {
   for (std::size_t i = 0; i < spheres.size(); ++i) {
     const Sphere& s = spheres[i];
-    for (const double value : {s.centre.x, s.centre.y, s.centre.z, s.radius})
-      append_number(out, static_cast<float>(value));
-    for (const SphereColumn& column : columns) append_number(out, static_cast<float>(column.values[i]));
+    for (const double value : {s.centre.x, s.centre.y, s.centre.z, s.radius}) append_number(out, value);
+    for (const SphereColumn& column : columns) append_number(out, column.values[i]);
   }
 }
 

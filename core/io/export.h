@@ -2,6 +2,8 @@
 //
 // Spheres -> bytes of a file for other programs, and back. One .cpp a format. Every format that can states frame and
 // units (LPS mm) in the file; NPY cannot, so the server's documentation does. The same spheres give the same bytes.
+// Binary ones are float64 throughout: float32 has only 24 bits, which far from the origin are used up by the place.
+// Memory of each writer: the file's bytes (64 for each line of CSV and number of a column, 8 a number of the others).
 #pragma once
 
 #include <cstddef>
@@ -26,13 +28,13 @@ struct SphereColumn {
 /// Header "x,y,z,r" and the names of columns, after "#" comment lines; shortest decimals that read back to the same
 /// float64.
 std::string spheres_to_csv(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
-/// NumPy 1.0 array, little-endian float32, shape (N, 4 + columns), C order: x y z r, then the columns.
+/// NumPy 1.0 array, little-endian float64, shape (N, 4 + columns), C order: x y z r, then the columns.
 std::string spheres_to_npy(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
-/// Binary little-endian PLY, one vertex a sphere: x y z radius, then the columns, float32. The comment SPACE=LPS is the
+/// Binary little-endian PLY, one vertex a sphere: x y z radius, then the columns, float64. The comment SPACE=LPS is the
 /// one 3D Slicer looks for.
 std::string spheres_to_ply(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
 /// VTK XML PolyData (appended raw), one vertex cell a sphere, point array "radius" and one for each column: ParaView's
-/// Point Gaussian or Glyph filter and 3D Slicer show it as spheres. float32. The field arrays SPACE ("LPS", which 3D
+/// Point Gaussian or Glyph filter and 3D Slicer show it as spheres. float64. The field arrays SPACE ("LPS", which 3D
 /// Slicer obeys) and UNITS ("mm") state the frame.
 std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
 

@@ -179,6 +179,10 @@ OptionTexts file_option_texts(FileFormat format, const FileOptions& options) {
   return texts;
 }
 
+bool mask_needs_samples(FileFormat format, const FileOptions& options, const SphereModel& model) {
+  return format == FileFormat::nifti && !options.voxel_mm && model.solid;
+}
+
 bool needs_union(FileFormat format) { return is_body(format); }
 
 void check_exportable(FileFormat format, std::size_t spheres, bool has_scan, const FileOptions& options) {
@@ -207,10 +211,12 @@ std::string spheres_to_file(FileFormat format, const FileSource& source, const F
       const Box box = box_of(source.spheres);
       const Vec3 size = box.max - box.min;
       const double longest = std::max({size.x, size.y, size.z});
-      return spheres_to_vdb(source.spheres, options.voxel_mm.value_or(longest > 0 ? longest / 256 : 1),
-                            max_level_set_blocks, context);
+      return spheres_to_vdb(
+          source.spheres, options.voxel_mm.value_or(longest > 0 ? std::max(longest / 256, min_level_set_voxel_mm) : 1),
+          max_level_set_blocks, context);
     }
     case FileFormat::nifti: {
+      if (!options.voxel_mm && source.inside != nullptr) return mask_to_nifti(*source.scan, *source.inside);
       const Grid grid = options.voxel_mm ? grid_around(source.spheres, *options.voxel_mm) : *source.scan;
       return mask_to_nifti(grid, sample_union(source.spheres, grid, context).inside);
     }

@@ -13,8 +13,10 @@
 #include "core/base/context.h"
 #include "core/base/geometry.h"
 #include "core/base/option_texts.h"
+#include "core/inside.h"
 #include "core/io/export_bodies.h"
 #include "core/io/export_scenes.h"
+#include "core/spheres.h"
 #include "core/union.h"
 #include "core/volume.h"
 
@@ -40,8 +42,8 @@ struct FileOptions {
   std::string link = "object";            ///< urdf, srdf, xrdf, curobo: at most 64 letters, digits and underscores
   BodyOrigin origin = BodyOrigin::frame;  ///< bodies: all of these
   GlbOptions glb{};                       ///< as `style` and `detail`
-  /// vdb: absent is 1/256 of the longest side of the spheres' box. nifti: the mask is on a grid of such voxels around
-  /// the spheres, along LPS; absent: on the scan's own. Within ranges::voxel_mm.
+  /// vdb: absent is 1/256 of the longest side of the spheres' box, but not below min_level_set_voxel_mm. nifti: the
+  /// mask is on a grid of such voxels around the spheres, along LPS; absent: on the scan's own. Within ranges::voxel_mm.
   std::optional<double> voxel_mm{};
 };
 
@@ -56,9 +58,13 @@ OptionTexts file_option_texts(FileFormat format, const FileOptions& options);
 struct FileSource {
   std::span<const Sphere> spheres;
   const Grid* scan = nullptr;            ///< what the model was made from, if known
+  const SampleBits* inside = nullptr;    ///< of a raw model: the samples of the scan that its rule says are inside
   const UnionMeasures* whole = nullptr;  ///< of the spheres; needed where needs_union
 };
 
+/// Whether the file is a mask on the scan of a raw model, which takes FileSource::inside: samples that equal a
+/// threshold lie on spheres, where rounding would decide.
+bool mask_needs_samples(FileFormat format, const FileOptions& options, const SphereModel& model);
 /// Whether the file holds mass properties, or is placed by them.
 bool needs_union(FileFormat format);
 /// Throws unusable for more spheres than the format's programs can bear, for none, and for a mask without a grid.

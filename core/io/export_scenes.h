@@ -31,7 +31,8 @@ struct GlbOptions {
 inline constexpr std::size_t max_glb_triangles = 20'000'000;
 
 /// glTF 2.0, binary. The scene is in metres with glTF's axes (x to the patient's left, y to the head, z to the
-/// anterior); the numbers inside are float32 mm along LPS, which the node's scale and rotation turn into that. Smooth
+/// anterior); the numbers inside are float32 mm along LPS from the middle of the spheres' box, which the node's scale,
+/// rotation and translation turn into that: what float32 loses is of the box, however far from the origin it is. Smooth
 /// normals, one grey material. Spheres of radius 0 are left out, and at least one must be left (unusable). Throws
 /// too_large for a mesh of more than max_glb_triangles.
 std::string spheres_to_glb(std::span<const Sphere> spheres, const GlbOptions& options = {});

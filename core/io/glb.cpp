@@ -107,6 +107,10 @@ std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& option
   for (const Sphere& s : all)
     if (s.radius > 0) spheres.push_back(s);
   if (spheres.empty()) throw Error(ErrorCode::unusable, "All spheres have radius 0, so there is nothing to show.");
+  Box box;
+  for (const Sphere& s : spheres) box.include(s);
+  const Vec3 middle = 0.5 * (box.min + box.max);
+  for (Sphere& s : spheres) s.centre = s.centre - middle;
   const Triangulation ball = icosphere(options.detail);
   const bool instanced = options.style == GlbOptions::Style::instanced;
   if (!instanced && spheres.size() > max_glb_triangles / ball.triangles.size()) {
@@ -150,8 +154,11 @@ std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& option
   }
 
   const std::string half = detail::decimals({std::sqrt(0.5)});
+  const std::string moved = detail::decimals({middle.x / 1e3}) + "," + detail::decimals({middle.z / 1e3}) + "," +
+                            detail::decimals({-middle.y / 1e3});
   const std::string json =
-      "{\"asset\":{\"version\":\"2.0\",\"generator\":\"Spherule\",\"extras\":{\"accessors\":\"mm, LPS\",\"scene\":"
+      "{\"asset\":{\"version\":\"2.0\",\"generator\":\"Spherule\",\"extras\":{\"accessors\":\"mm, LPS, from the node's "
+      "translation\",\"scene\":"
       "\"metres; x left, y head, z anterior\"}}," +
       std::string(instanced ? "\"extensionsUsed\":[\"EXT_mesh_gpu_instancing\"],\"extensionsRequired\":[\"EXT_mesh_gpu_"
                               "instancing\"],"
@@ -159,7 +166,7 @@ std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& option
       "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"name\":\"spheres\",\"mesh\":0,\"scale\":[0.001,0.001,0."
       "001],"
       "\"rotation\":[-" +
-      half + ",0,0," + half + "]" + instances +
+      half + ",0,0," + half + "],\"translation\":[" + moved + "]" + instances +
       "}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":" + position + ",\"NORMAL\":" + normal +
       "},\"indices\":" + index +
       ",\"material\":0}]}],\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.8,0.8,0.8,1],"

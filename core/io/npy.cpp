@@ -146,7 +146,7 @@ double number_at(std::string_view data, std::size_t index, bool big_endian) {
 }  // namespace
 
 std::string spheres_to_npy(std::span<const Sphere> spheres, std::span<const SphereColumn> columns) {
-  std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(spheres.size()) + ", " +
+  std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (" + std::to_string(spheres.size()) + ", " +
                        std::to_string(4 + columns.size()) + "), }";
   // Magic, version, length and header together fill whole blocks of 64 bytes, the header ending in a line feed.
   const std::size_t before = kMagic.size() + 4;
@@ -154,12 +154,12 @@ std::string spheres_to_npy(std::span<const Sphere> spheres, std::span<const Sphe
   header += '\n';
 
   std::string out(kMagic);
-  out.reserve(before + header.size() + (16 + 4 * columns.size()) * spheres.size());
+  out.reserve(before + header.size() + 8 * (4 + columns.size()) * spheres.size());
   out += '\x01';
   out += '\x00';
   detail::append_number(out, static_cast<std::uint16_t>(header.size()));
   out += header;
-  detail::append_float32_rows(out, spheres, columns);
+  detail::append_rows(out, spheres, columns);
   return out;
 }
 

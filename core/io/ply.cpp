@@ -16,14 +16,14 @@ std::string spheres_to_ply(std::span<const Sphere> spheres, std::span<const Sphe
       "element vertex " +
       std::to_string(spheres.size()) +
       "\n"
-      "property float x\n"
-      "property float y\n"
-      "property float z\n"
-      "property float radius\n";
-  for (const SphereColumn& column : columns) out += "property float " + column.name + '\n';
+      "property double x\n"
+      "property double y\n"
+      "property double z\n"
+      "property double radius\n";
+  for (const SphereColumn& column : columns) out += "property double " + column.name + '\n';
   out += "end_header\n";
-  out.reserve(out.size() + (16 + 4 * columns.size()) * spheres.size());
-  detail::append_float32_rows(out, spheres, columns);
+  out.reserve(out.size() + 8 * (4 + columns.size()) * spheres.size());
+  detail::append_rows(out, spheres, columns);
   return out;
 }
 

@@ -28,14 +28,14 @@ std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const Sphe
   const std::size_t n = spheres.size();
   // Each appended array is its length in bytes, as UInt64, and then its bytes.
   const std::size_t points_at = 0;
-  const std::size_t radii_at = points_at + 8 + 12 * n;
-  const std::size_t columns_at = radii_at + 8 + 4 * n;
-  const std::size_t connectivity_at = columns_at + columns.size() * (8 + 4 * n);
+  const std::size_t radii_at = points_at + 8 + 24 * n;
+  const std::size_t columns_at = radii_at + 8 + 8 * n;
+  const std::size_t connectivity_at = columns_at + columns.size() * (8 + 8 * n);
   const std::size_t offsets_at = connectivity_at + 8 + 8 * n;
   const std::string count = std::to_string(n);
   std::string column_arrays;
   for (std::size_t c = 0; c < columns.size(); ++c) {
-    column_arrays += appended_array("\"Float32\" Name=\"" + columns[c].name + '"', columns_at + c * (8 + 4 * n));
+    column_arrays += appended_array("\"Float64\" Name=\"" + columns[c].name + '"', columns_at + c * (8 + 8 * n));
   }
 
   std::string out =
@@ -50,10 +50,10 @@ std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const Sphe
       count + "\" NumberOfVerts=\"" + count +
       "\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">\n"
       "      <Points>\n" +
-      appended_array("\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"", points_at) +
+      appended_array("\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"", points_at) +
       "      </Points>\n"
       "      <PointData Scalars=\"radius\">\n" +
-      appended_array("\"Float32\" Name=\"radius\"", radii_at) + column_arrays +
+      appended_array("\"Float64\" Name=\"radius\"", radii_at) + column_arrays +
       "      </PointData>\n"
       "      <Verts>\n" +
       appended_array("\"Int64\" Name=\"connectivity\"", connectivity_at) +
@@ -66,14 +66,14 @@ std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const Sphe
   out.reserve(out.size() + offsets_at + 8 + 8 * n + 64);
   const auto append_length = [&](std::size_t bytes) { detail::append_number(out, static_cast<std::uint64_t>(bytes)); };
 
-  append_length(12 * n);
+  append_length(24 * n);
   for (const Sphere& s : spheres)
-    for (int a = 0; a < 3; ++a) detail::append_number(out, static_cast<float>(s.centre[a]));
-  append_length(4 * n);
-  for (const Sphere& s : spheres) detail::append_number(out, static_cast<float>(s.radius));
+    for (int a = 0; a < 3; ++a) detail::append_number(out, s.centre[a]);
+  append_length(8 * n);
+  for (const Sphere& s : spheres) detail::append_number(out, s.radius);
   for (const SphereColumn& column : columns) {
-    append_length(4 * n);
-    for (const double value : column.values) detail::append_number(out, static_cast<float>(value));
+    append_length(8 * n);
+    for (const double value : column.values) detail::append_number(out, value);
   }
   append_length(8 * n);
   for (std::size_t i = 0; i < n; ++i) detail::append_number(out, static_cast<std::int64_t>(i));

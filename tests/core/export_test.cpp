@@ -131,19 +131,21 @@ TEST(Csv, LimitIsExact) {
 
 TEST(Npy, LayoutIsNumPys) {
   const std::string bytes = spheres_to_npy(std::vector<Sphere>{{{1, 2, 3}, 4}});
-  ASSERT_EQ(bytes.size(), 128U + 16U);
+  ASSERT_EQ(bytes.size(), 128U + 32U);
   EXPECT_EQ(bytes.substr(0, 10), std::string("\x93NUMPY\x01\x00\x76\x00", 10));
-  EXPECT_EQ(bytes.substr(10, 60), "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), } ");
+  EXPECT_EQ(bytes.substr(10, 60), "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 4), } ");
   EXPECT_EQ(bytes[127], '\n');
-  EXPECT_EQ(bytes.substr(128), array_bytes<float>({{{1, 2, 3}, 4}}, false, false));
+  EXPECT_EQ(bytes.substr(128), array_bytes<double>({{{1, 2, 3}, 4}}, false, false));
 }
 
-TEST(Npy, RoundTripIsExactInFloat32) {
+// As exact as CSV, however far from the origin the spheres lie.
+TEST(Npy, RoundTripIsExact) {
   for (const std::size_t n : {1U, 9U, 1000U}) {
-    const auto spheres = random_spheres(n);
-    const auto back = spheres_from_npy(spheres_to_npy(spheres));
-    ASSERT_EQ(back.size(), n);
-    for (std::size_t i = 0; i < n; ++i) ASSERT_EQ(back[i], as_float32(spheres[i]));
+    auto spheres = random_spheres(n);
+    EXPECT_EQ(spheres_from_npy(spheres_to_npy(spheres)), spheres);
+    for (Sphere& s : spheres) s.centre = 1e-4 * s.centre + Vec3{5e6, -5e6, 5e6};
+    EXPECT_EQ(spheres_from_npy(spheres_to_npy(spheres)), spheres);
+    EXPECT_EQ(spheres_from_csv(spheres_to_csv(spheres)), spheres);
   }
 }
 
@@ -235,7 +237,7 @@ TEST(Ply, HeaderAndRows) {
   EXPECT_NE(header.find("element vertex 2\n"), std::string::npos);
   EXPECT_NE(header.find("comment SPACE=LPS\n"), std::string::npos);
   EXPECT_NE(header.find("comment UNITS=mm\n"), std::string::npos);
-  EXPECT_EQ(bytes.substr(end + 11), array_bytes<float>(spheres, false, false));
+  EXPECT_EQ(bytes.substr(end + 11), array_bytes<double>(spheres, false, false));
 }
 
 TEST(Vtp, OffsetsLeadToTheArrays) {
@@ -252,11 +254,11 @@ TEST(Vtp, OffsetsLeadToTheArrays) {
     return bytes.substr(start + 8, length);
   };
   const std::string points = array("Points"), radii = array("radius");
-  ASSERT_EQ(points.size(), 36U);
-  ASSERT_EQ(radii.size(), 12U);
+  ASSERT_EQ(points.size(), 72U);
+  ASSERT_EQ(radii.size(), 24U);
   std::string rows;
-  for (std::size_t i = 0; i < 3; ++i) rows += points.substr(12 * i, 12) + radii.substr(4 * i, 4);
-  EXPECT_EQ(rows, array_bytes<float>(spheres, false, false));
+  for (std::size_t i = 0; i < 3; ++i) rows += points.substr(24 * i, 24) + radii.substr(8 * i, 8);
+  EXPECT_EQ(rows, array_bytes<double>(spheres, false, false));
   std::string connectivity, offsets;
   for (std::int64_t i = 0; i < 3; ++i) {
     connectivity += number_bytes(i, false);
@@ -282,7 +284,7 @@ TEST(Exports, HaveMoreColumnsWhenGiven) {
     const Sphere& s = spheres[i];
     for (const double value :
          {s.centre.x, s.centre.y, s.centre.z, s.radius, columns[0].values[i], columns[1].values[i]}) {
-      rows += number_bytes(static_cast<float>(value), false);
+      rows += number_bytes(value, false);
     }
   }
   const std::string npy_bytes = spheres_to_npy(spheres, columns);
@@ -292,7 +294,7 @@ TEST(Exports, HaveMoreColumnsWhenGiven) {
 
   const std::string ply = spheres_to_ply(spheres, columns);
   EXPECT_TRUE(
-      ply.ends_with("property float radius\nproperty float volume_mm3\nproperty float rank\nend_header\n" + rows));
+      ply.ends_with("property double radius\nproperty double volume_mm3\nproperty double rank\nend_header\n" + rows));
 
   const std::string vtp = spheres_to_vtp(spheres, columns);
   const auto data = vtp.find("<AppendedData encoding=\"raw\">\n_") + 31;
@@ -302,9 +304,9 @@ TEST(Exports, HaveMoreColumnsWhenGiven) {
     const std::size_t start = data + std::stoul(vtp.substr(vtp.find("offset=\"", at) + 8, 20));
     std::uint64_t length = 0;
     std::memcpy(&length, vtp.data() + start, 8);
-    ASSERT_EQ(length, 12U);
+    ASSERT_EQ(length, 24U);
     for (std::size_t i = 0; i < 3; ++i) {
-      EXPECT_EQ(vtp.substr(start + 8 + 4 * i, 4), number_bytes(static_cast<float>(values[i]), false));
+      EXPECT_EQ(vtp.substr(start + 8 + 8 * i, 8), number_bytes(values[i], false));
     }
   }
 }

@@ -271,10 +271,10 @@ TEST_F(Service, ServesSpheresInEveryFormat) {
   const Answer npy = client().get(path + "/spheres?format=npy");
   EXPECT_EQ(npy.header("Spherule-Frame"), "LPS");
   EXPECT_EQ(npy.body.substr(1, 5), "NUMPY");
-  ASSERT_EQ(npy.body.size() % 64, (16 * count) % 64);
-  float x = 0;
-  std::memcpy(&x, npy.body.data() + npy.body.size() - 16 * count + 16 * 5, 4);
-  EXPECT_EQ(x, static_cast<float>(page["spheres"][0][0].get<double>()));
+  ASSERT_EQ(npy.body.size() % 64, (32 * count) % 64);
+  double x = 0;
+  std::memcpy(&x, npy.body.data() + npy.body.size() - 32 * count + 32 * 5, 8);
+  EXPECT_EQ(x, page["spheres"][0][0].get<double>());
   EXPECT_EQ(client().get(path + "/exports/ply").body.substr(0, 4), "ply\n");
   EXPECT_NE(client().get(path + "/exports/vtp").body.find("PolyData"), std::string::npos);
   EXPECT_EQ(client().get(path + "/exports/stl").status, 404);
