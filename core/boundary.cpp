@@ -8,6 +8,7 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/crossings.h"
 
 namespace spherule {
@@ -223,10 +224,12 @@ BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, co
   parallel_for(context, "boundary", rows, kRowsPerPiece, [&](std::size_t begin, std::size_t end) {
     const std::size_t piece = begin / kRowsPerPiece;
     auto out = boundary.points.begin() + static_cast<std::ptrdiff_t>(start[piece]);
+    Poll poll(context);
     for (std::size_t r = begin; r < end; ++r) {
       edges.visit_row(
           r, [&](int axis, std::int32_t i, std::int32_t j, std::int32_t k, std::uint64_t once, std::uint64_t twice) {
             for (std::uint64_t rest = once | twice; rest != 0; rest &= rest - 1) {
+              poll(4);
               const int bit = std::countr_zero(rest);
               const std::array<std::int32_t, 3> from{i + bit, j, k};
               if ((twice >> bit) & 1) {

@@ -2,10 +2,12 @@
 #include "core/box_tree.h"
 
 #include <algorithm>
+#include <functional>
 #include <limits>
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/base/vectors.h"
 
 namespace spherule {
@@ -120,7 +122,8 @@ BoxTree::BoxTree(std::span<const Box> boxes, const Context& context) {
                  i};
     }
   });
-  std::sort(keys.begin(), keys.end());
+  Poll poll(context);
+  std::sort(keys.begin(), keys.end(), Polled(poll, std::less<>()));
 
   order_.reserve(keys.size());
   for (const auto& [key, i] : keys) order_.push_back(i);

@@ -9,6 +9,8 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
+#include "core/base/progress.h"
 #include "core/measure.h"
 #include "core/predicates.h"
 
@@ -16,7 +18,7 @@ namespace spherule {
 
 namespace {
 
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kGrain = 1 << 10;
 
 // Sets a run of bits of one row; rows may be shared between threads. Bits are only ever set, so order does not matter.
 void set_run(std::span<std::uint64_t> row, std::size_t first, std::size_t last) {
@@ -38,7 +40,8 @@ class BallRasteriser {
   BallRasteriser(const Lattice& lattice, Border border)
       : lattice_(lattice), margin_(border == Border::closed ? 1 : 0) {}
 
-  void mark(const std::array<LatticePoint, 4>& corners, Vec3 centre, double radius, SampleBits& covered) const {
+  void mark(const std::array<LatticePoint, 4>& corners, Vec3 centre, double radius, SampleBits& covered,
+            Poll& poll) const {
     const auto [k0, k1] = planes_within(2, centre.z, radius + 1);
     for (std::int32_t k = k0; k <= k1; ++k) {
       const double dz = lattice_.plane(2, k) - centre.z;
@@ -46,6 +49,7 @@ class BallRasteriser {
       if (disk < -1) continue;
       const auto [j0, j1] = planes_within(1, centre.y, std::sqrt(std::max(disk, 0.0)) + 1);
       for (std::int32_t j = j0; j <= j1; ++j) {
+        poll(16);
         const double dy = lattice_.plane(1, j) - centre.y;
         const double chord = disk - dy * dy;
         if (chord < -1) continue;
@@ -90,11 +94,13 @@ SampleBits covered_samples(const Solid& solid, Border border, const Context& con
   const BallRasteriser rasteriser(solid.boundary.lattice, border);
   const auto& points = solid.boundary.points;
   parallel_for(context, "samples in balls", solid.inside_count, kGrain, [&](std::size_t begin, std::size_t end) {
+    Poll poll(context);
     for (std::size_t c = begin; c < end; ++c) {
+      poll(16);
       const auto& [p, q, r, s] = solid.cells[c];
       const std::array<LatticePoint, 4> corners{points[p], points[q], points[r], points[s]};
       const Sphere ball = circumsphere(corners);
-      rasteriser.mark(corners, ball.centre, ball.radius, covered);
+      rasteriser.mark(corners, ball.centre, ball.radius, covered, poll);
     }
   });
   return covered;
@@ -103,9 +109,10 @@ SampleBits covered_samples(const Solid& solid, Border border, const Context& con
 // Samples that an open border leaves outside the hull of the boundary points: no tetrahedron can hold them.
 class Hull {
  public:
-  Hull(const Solid& solid, std::span<const std::array<std::uint32_t, 4>> adjacent) {
+  Hull(const Solid& solid, std::span<const std::array<std::uint32_t, 4>> adjacent, Poll& poll) : poll_(poll) {
     const auto& points = solid.boundary.points;
     for (std::size_t c = 0; c < adjacent.size(); ++c) {
+      poll_(4);
       for (std::size_t i = 0; i < 4; ++i) {
         if (adjacent[c][i] != no_cell) continue;
         auto t = solid.cells[c];
@@ -122,12 +129,14 @@ class Hull {
     const auto beyond = [p](const auto& f) { return exact::orientation(p, f[0], f[1], f[2]) < 0; };
     if (last_ < facets_.size() && beyond(facets_[last_])) return true;
     for (last_ = 0; last_ < facets_.size(); ++last_) {
+      poll_();
       if (beyond(facets_[last_])) return true;
     }
     return false;
   }
 
  private:
+  Poll& poll_;
   std::vector<std::array<LatticePoint, 3>> facets_;
   std::size_t last_ = 0;
 };
@@ -146,7 +155,9 @@ ModelChecks check_model(const SphereModel& model, const SampleBits& inside, Bord
       count_not_delaunay(solid.boundary.points, solid.cells, adjacent, context);
 
   std::vector<std::uint8_t> touched(solid.boundary.points.size(), 0);
+  Poll poll(context);
   for (const Tetrahedron& t : std::span(solid.cells).first(solid.inside_count)) {
+    poll(4);
     for (const std::uint32_t v : t) touched[v] = 1;
   }
   checks.criteria.boundary_points_on_no_ball = static_cast<std::uint64_t>(std::ranges::count(touched, 0));
@@ -154,14 +165,16 @@ ModelChecks check_model(const SphereModel& model, const SampleBits& inside, Bord
   const SampleBits expected = padded(inside);
   const SampleBits covered = covered_samples(solid, border, context);
   std::optional<Hull> hull;
-  if (border == Border::open) hull.emplace(solid, adjacent);
+  if (border == Border::open) hull.emplace(solid, adjacent, poll);
   const auto [px, py, pz] = expected.dims();
   for (std::int32_t k = 0; k < pz; ++k) {
     for (std::int32_t j = 0; j < py; ++j) {
       const auto want = expected.row(j, k), have = covered.row(j, k);
+      poll(want.size());
       for (std::size_t w = 0; w < want.size(); ++w) {
         checks.criteria.outside_samples_covered += static_cast<std::uint64_t>(std::popcount(have[w] & ~want[w]));
         for (std::uint64_t missing = want[w] & ~have[w]; missing != 0; missing &= missing - 1) {
+          poll();
           const auto i = static_cast<std::int32_t>(64 * w) + std::countr_zero(missing);
           const LatticePoint sample{lattice.plane(0, i - 1), lattice.plane(1, j - 1), lattice.plane(2, k - 1)};
           if (!hull || !hull->excludes(sample)) ++checks.criteria.inside_samples_not_covered;
@@ -171,7 +184,7 @@ ModelChecks check_model(const SphereModel& model, const SampleBits& inside, Bord
   }
 
   const double delta = boundary_point_density(solid, context);
-  const double volume = measure_tetrahedra(solid, context).volume_mm3;
+  const double volume = measure_tetrahedra(solid, quiet(context)).volume_mm3;
   const auto n = static_cast<double>(solid.boundary.points.size());
   checks.bounds = {.density_mm = delta,
                    .density_bound_mm = norm(lattice.grid.spacing) + lattice.unit_mm,

@@ -2,70 +2,56 @@
 #include "core/components.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "core/base/check.h"
 #include "core/base/disjoint_sets.h"
-#include "core/box_tree.h"
+#include "core/base/poll.h"
+#include "core/power.h"
+#include "core/simplify/ball_tree.h"
 
 namespace spherule {
 
 namespace {
 
-__extension__ using Float128 = __float128;
-
-// Whether the balls have a point in common.
-bool meet(const Sphere& a, const Sphere& b) {
-  const Vec3 d = a.centre - b.centre;
-  const double reach = a.radius + b.radius, distance = squared_norm(d), limit = reach * reach;
-  // Both sides are off by less than 8 roundings of coordinates and radii.
-  const double size = std::max({std::abs(a.centre.x), std::abs(a.centre.y), std::abs(a.centre.z), std::abs(b.centre.x),
-                                std::abs(b.centre.y), std::abs(b.centre.z), reach});
-  if (std::abs(distance - limit) > 0x1p-48 * size * size) return distance < limit;
-  const auto square = [](double u, double v) {
-    const Float128 difference = Float128{u} - Float128{v};
-    return difference * difference;
-  };
-  const Float128 exact_reach = Float128{a.radius} + Float128{b.radius};
-  return square(a.centre.x, b.centre.x) + square(a.centre.y, b.centre.y) + square(a.centre.z, b.centre.z) <=
-         exact_reach * exact_reach;
-}
-
 // Of every sphere, the first sphere of its component.
 std::vector<std::uint32_t> first_of_overlapping(std::span<const Sphere> balls, const Context& context) {
-  constexpr std::size_t kPoll = 1 << 12;
-  std::vector<Box> boxes(balls.size());
-  for (std::size_t b = 0; b < balls.size(); ++b) {
-    boxes[b].include(balls[b]);
-    // A box rounded inwards would miss a ball that touches.
-    for (int a = 0; a < 3; ++a) {
-      boxes[b].min[a] = std::nextafter(boxes[b].min[a], -HUGE_VAL);
-      boxes[b].max[a] = std::nextafter(boxes[b].max[a], HUGE_VAL);
+  const detail::BallTree tree(balls, context);
+  detail::Untaken untaken(tree);
+  constexpr std::uint32_t kNone = 0xffffffffU;
+  std::vector<std::uint32_t> first(balls.size(), kNone), reached;
+  Poll poll(context, 1 << 7);
+  for (std::uint32_t b = 0; b < balls.size(); ++b) {
+    if (first[b] != kNone) continue;
+    first[b] = b;
+    reached.assign(1, b);
+    while (!reached.empty()) {
+      const Sphere ball = balls[reached.back()];
+      reached.pop_back();
+      poll();
+      untaken.take_overlapping(ball, [&](std::uint32_t other) {
+        poll();
+        if (first[other] == b) return true;
+        if (!meet(ball, balls[other])) return false;
+        first[other] = b;
+        reached.push_back(other);
+        return true;
+      });
     }
   }
-  const BoxTree tree(boxes);
-  DisjointSets sets(balls.size());
-  for (std::size_t n = 0; n < balls.size(); ++n) {
-    if (n % kPoll == 0) context.throw_if_cancelled();
-    const std::uint32_t b = tree.order()[n];
-    tree.for_each_overlap(boxes[b], [&](std::size_t place) {
-      const std::uint32_t other = tree.order()[place];
-      if (other < b && sets.find(other) != sets.find(b) && meet(balls[b], balls[other])) sets.unite(b, other);
-    });
-  }
-  std::vector<std::uint32_t> first(balls.size());
-  for (std::uint32_t b = 0; b < balls.size(); ++b) first[b] = sets.find(b);
   return first;
 }
 
-std::vector<std::uint32_t> first_of_touching(const Solid& solid) {
+std::vector<std::uint32_t> first_of_touching(const Solid& solid, const Context& context) {
   const auto cells = std::span(solid.cells).first(solid.inside_count);
+  Poll poll(context);
   DisjointSets corners(solid.boundary.points.size());
   for (const Tetrahedron& t : cells) {
+    poll(8);
     for (const std::uint32_t v : t) corners.unite(t[0], v);
   }
   std::vector<std::uint32_t> first_at(solid.boundary.points.size(), no_cell), first(cells.size());
   for (std::uint32_t c = 0; c < cells.size(); ++c) {
+    poll(2);
     std::uint32_t& cell = first_at[corners.find(cells[c][0])];
     cell = std::min(cell, c);
     first[c] = cell;
@@ -76,7 +62,7 @@ std::vector<std::uint32_t> first_of_touching(const Solid& solid) {
 }  // namespace
 
 std::vector<std::uint32_t> first_of_component(const SphereModel& model, const Context& context) {
-  return model.solid ? first_of_touching(*model.solid) : first_of_overlapping(model.spheres, context);
+  return model.solid ? first_of_touching(*model.solid, context) : first_of_overlapping(model.spheres, context);
 }
 
 std::vector<Component> components(const SphereModel& model, std::span<const BallPart> parts, const Context& context) {
@@ -84,7 +70,9 @@ std::vector<Component> components(const SphereModel& model, std::span<const Ball
   const auto first = first_of_component(model, context);
   std::vector<Component> result;
   std::vector<std::uint32_t> index(first.size());
+  Poll poll(context);
   for (std::uint32_t s = 0; s < first.size(); ++s) {
+    poll(8);
     if (first[s] == s) {
       index[s] = static_cast<std::uint32_t>(result.size());
       result.push_back({.spheres = 0, .first_sphere = s, .volume_mm3 = 0, .area_mm2 = 0, .bounds = {}});

@@ -5,16 +5,19 @@
 #include <CGAL/Delaunay_triangulation_cell_base_3.h>
 #include <CGAL/Triangulation_data_structure_3.h>
 #include <CGAL/Triangulation_vertex_base_3.h>
-#include <CGAL/spatial_sort.h>
 
 #include <algorithm>
 #include <bit>
 #include <numeric>
+#include <string>
 #include <utility>
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
+#include "core/most_cells.h"
 #include "core/predicates.h"
+#include "core/spatial_order.h"
 
 namespace spherule {
 
@@ -105,14 +108,6 @@ struct LatticeTraits {
       return static_cast<CGAL::Oriented_side>(exact::perturbed_in_sphere(p.at, q.at, r.at, s.at, t.at));
     }
   };
-  // Axes for the spatial sort.
-  template <int axis>
-  struct Less {
-    bool operator()(const Point_3& p, const Point_3& q) const { return p.at[axis] < q.at[axis]; }
-  };
-  using Less_x_3 = Less<0>;
-  using Less_y_3 = Less<1>;
-  using Less_z_3 = Less<2>;
 
   Construct_point_3 construct_point_3_object() const { return {}; }
   Construct_segment_3 construct_segment_3_object() const { return {}; }
@@ -123,9 +118,6 @@ struct LatticeTraits {
   Orientation_3 orientation_3_object() const { return {}; }
   Coplanar_side_of_bounded_circle_3 coplanar_side_of_bounded_circle_3_object() const { return {}; }
   Side_of_oriented_sphere_3 side_of_oriented_sphere_3_object() const { return {}; }
-  Less_x_3 less_x_3_object() const { return {}; }
-  Less_y_3 less_y_3_object() const { return {}; }
-  Less_z_3 less_z_3_object() const { return {}; }
 };
 
 using Triangulation = CGAL::Delaunay_triangulation_3<
@@ -137,8 +129,8 @@ using Triangulation = CGAL::Delaunay_triangulation_3<
 // walks and tests without generic detours.
 class Insertion {
  public:
-  explicit Insertion(Triangulation& triangulation)
-      : triangulation_(triangulation), tds_(triangulation.tds()), edges_(256) {}
+  Insertion(Triangulation& triangulation, Poll& poll)
+      : triangulation_(triangulation), tds_(triangulation.tds()), poll_(poll), edges_(256) {}
 
   // Adds a point that is not yet in the triangulation. The walk starts near the point added before.
   void insert(const IndexedPoint& p) {
@@ -147,6 +139,7 @@ class Insertion {
     v->set_point(p);
     if (edges_.size() < 4 * rim_.size()) edges_.assign(std::bit_ceil(8 * rim_.size()), Edge{});
     ++generation_;
+    poll_(rim_.size());
     for (const auto& [inner, i] : rim_) {
       const Cell outer = inner->neighbor(i);
       const Cell cell = tds_.create_cell(inner->vertex(0), inner->vertex(1), inner->vertex(2), inner->vertex(3));
@@ -256,6 +249,7 @@ class Insertion {
 
   Triangulation& triangulation_;
   Triangulation::Triangulation_data_structure& tds_;
+  Poll& poll_;
   Cell last_;
   std::vector<Cell> conflicts_, tested_;
   std::vector<std::pair<Cell, int>> rim_;
@@ -276,12 +270,13 @@ Tetrahedron canonical(Tetrahedron t) {
 
 // Ascending order by counting on the first index; the few cells that share it are sorted directly.
 Tetrahedralization sorted(const Tetrahedralization& cells, std::size_t point_count, const Context& context) {
+  Poll poll(context);
   std::vector<std::size_t> start(point_count + 1, 0);
-  for (const Tetrahedron& t : cells) ++start[t[0] + 1];
+  for (const Tetrahedron& t : cells) poll(), ++start[t[0] + 1];
   std::partial_sum(start.begin(), start.end(), start.begin());
   Tetrahedralization result(cells.size());
   auto next = start;
-  for (const Tetrahedron& t : cells) result[next[t[0]]++] = t;
+  for (const Tetrahedron& t : cells) poll(4), result[next[t[0]]++] = t;
   parallel_for(context, {}, point_count, 1 << 14, [&](std::size_t begin, std::size_t end) {
     for (std::size_t v = begin; v < end; ++v) {
       std::sort(result.begin() + static_cast<std::ptrdiff_t>(start[v]),
@@ -292,22 +287,35 @@ Tetrahedralization sorted(const Tetrahedralization& cells, std::size_t point_cou
 }
 
 Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Context& context) {
-  std::vector<IndexedPoint> order(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) order[i] = {points[i], static_cast<std::uint32_t>(i)};
-  CGAL::spatial_sort(order.begin(), order.end(), LatticeTraits{});
+  std::vector<std::uint32_t> order;
+  {
+    std::vector<Vec3> places;
+    places.reserve(points.size());
+    for (const LatticePoint p : points) places.push_back({double(p.x), double(p.y), double(p.z)});
+    order = insertion_order(places, context);
+  }
 
   constexpr std::size_t kReportEvery = 4096;
+  const std::size_t most = most_cells(points.size());
   Triangulation triangulation;
-  Insertion insertion(triangulation);
+  Poll poll(context, 1 << 12);  // cells made, at up to a microsecond each
+  Insertion insertion(triangulation, poll);
   for (std::size_t i = 0; i < order.size(); ++i) {
+    poll();
     if (i % kReportEvery == 0) {
-      context.throw_if_cancelled();
       context.report("delaunay", 0.95 * static_cast<double>(i) / static_cast<double>(order.size()));
     }
+    if (triangulation.number_of_cells() > most) {
+      throw Error(ErrorCode::too_large,
+                  "The object's boundary points lie near few curves that face each other, so that they would have more "
+                  "than " +
+                      std::to_string(most) + " tetrahedra; choose another threshold or a coarser volume.");
+    }
+    const IndexedPoint point{points[order[i]], order[i]};
     if (triangulation.dimension() < 3) {
-      triangulation.insert(order[i]);
+      triangulation.insert(point);
     } else {
-      insertion.insert(order[i]);
+      insertion.insert(point);
     }
   }
   SPHERULE_CHECK(triangulation.number_of_vertices() == points.size());
@@ -315,7 +323,9 @@ Tetrahedralization finite_cells(std::span<const LatticePoint> points, const Cont
   Tetrahedralization cells;
   if (triangulation.dimension() < 3) return cells;
   cells.reserve(triangulation.number_of_finite_cells());
+  Poll listing(context);
   for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
+    listing(8);
     Tetrahedron t;
     for (int i = 0; i < 4; ++i) t[static_cast<std::size_t>(i)] = cell->vertex(i)->point().index;
     cells.push_back(canonical(t));
@@ -328,12 +338,16 @@ class Filed {
  public:
   Filed() = default;
   template <typename Corner>
-  Filed(std::span<const Tetrahedron> cells, std::size_t point_count, Corner&& corner)
+  Filed(std::span<const Tetrahedron> cells, std::size_t point_count, Corner&& corner, const Context& context)
       : start_(point_count + 1, 0), cells_(cells.size()) {
-    for (const Tetrahedron& t : cells) ++start_[corner(t)];
+    Poll poll(context);
+    for (const Tetrahedron& t : cells) poll(), ++start_[corner(t)];
     std::partial_sum(start_.begin(), start_.end(), start_.begin());
     // Each file is filled from its end, which leaves its start.
-    for (auto c = static_cast<std::uint32_t>(cells.size()); c-- > 0;) cells_[--start_[corner(cells[c])]] = c;
+    for (auto c = static_cast<std::uint32_t>(cells.size()); c-- > 0;) {
+      poll(4);
+      cells_[--start_[corner(cells[c])]] = c;
+    }
   }
   std::span<const std::uint32_t> operator[](std::size_t point) const {
     return std::span(cells_).subspan(start_[point], start_[point + 1] - start_[point]);
@@ -360,9 +374,11 @@ struct Facet {
 
 Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Context& context) {
   SPHERULE_CHECK(points.size() < no_cell);
+  context.report("delaunay", 0);
   // The triangulation is freed before its cells are sorted: the peak is the triangulation plus one list of cells.
   const Tetrahedralization cells = finite_cells(points, context);
   Tetrahedralization result = sorted(cells, points.size(), context);
+  context.report("delaunay", 1);
   SPHERULE_AUDIT(points.size() > kLargestAudit || is_delaunay(points, result));
   return result;
 }
@@ -373,13 +389,15 @@ std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron
   Filed by_first, by_second;
   parallel_for(context, {}, 2, 1, [&](std::size_t task, std::size_t) {
     if (task == 0) {
-      by_first = Filed(cells, point_count, [](const Tetrahedron& t) { return t[0]; });
+      by_first = Filed(
+          cells, point_count, [](const Tetrahedron& t) { return t[0]; }, context);
     } else {
-      by_second = Filed(cells, point_count, [](const Tetrahedron& t) { return std::min({t[1], t[2], t[3]}); });
+      const auto second = [](const Tetrahedron& t) { return std::min({t[1], t[2], t[3]}); };
+      by_second = Filed(cells, point_count, second, context);
     }
   });
   std::vector<std::array<std::uint32_t, 4>> result(cells.size(), {no_cell, no_cell, no_cell, no_cell});
-  parallel_for(context, "neighbours", point_count, 1 << 12, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, {}, point_count, 1 << 12, [&](std::size_t begin, std::size_t end) {
     std::vector<Facet> facets;  // with one smallest corner
     for (std::size_t v = begin; v < end; ++v) {
       facets.clear();

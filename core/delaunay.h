@@ -23,12 +23,12 @@ using Tetrahedron = std::array<std::uint32_t, 4>;
 /// alone and no cell is flat.
 using Tetrahedralization = std::vector<Tetrahedron>;
 
-/// Points must differ pairwise and have coordinates in [0, 2^24). Fewer than four points, or points in one plane, give
-/// no cells. Progress is coarse (insertion cannot report from inside the library more than every few thousand points).
-/// Expected O(n log n); peak memory about 600 bytes a point. Throws cancelled.
+/// Points must differ pairwise and have coordinates in [0, 2^24). Fewer than four, or all in one plane, give no cells.
+/// Reports stage "delaunay". Throws cancelled, and too_large beyond most_cells.h. Expected O(n log n + cells);
+/// peak memory 600 bytes a point, with the usual 7 cells each, and 80 for every cell more. Polls every few cells made.
 Tetrahedralization tetrahedralize(std::span<const LatticePoint> points, const Context& context = {});
 
-/// neighbours[t][i] is the index of the cell across the facet opposite vertex i of t, or no_cell on the hull. O(cells).
+/// neighbours[t][i]: the cell across the facet opposite vertex i of t, or no_cell. O(cells); 24 bytes a cell.
 inline constexpr std::uint32_t no_cell = 0xffffffffU;
 std::vector<std::array<std::uint32_t, 4>> neighbours(std::span<const Tetrahedron> cells, std::size_t point_count,
                                                      const Context& context = {});

@@ -11,7 +11,10 @@
 #include <tuple>
 #include <vector>
 
-#include "core/box_tree.h"
+#include "core/base/poll.h"
+#include "core/most_cells.h"
+#include "core/simplify/ball_tree.h"
+#include "core/spatial_order.h"
 #include "core/union.h"
 
 namespace spherule {
@@ -46,27 +49,48 @@ std::vector<Vec3> directions() {
 
 // Each corner was found from three balls, in places that differ by rounding. Most of those fall together here; those
 // that do not do no harm.
-std::vector<Vec3> merged(std::vector<Vec3> corners) {
+std::vector<Vec3> merged(std::vector<Vec3> corners, const Context& context) {
   double farthest = 0;
   for (const Vec3 c : corners) farthest = std::max({farthest, std::abs(c.x), std::abs(c.y), std::abs(c.z)});
   const double scale = farthest > 0 ? 0x1p40 / farthest : 0;
   const auto key = [&](Vec3 c) {
     return std::array{std::llround(scale * c.x), std::llround(scale * c.y), std::llround(scale * c.z)};
   };
-  std::ranges::sort(corners, {}, key);
+  Poll poll(context);
+  std::sort(corners.begin(), corners.end(), Polled(poll, [&](Vec3 a, Vec3 b) { return key(a) < key(b); }));
   const auto [end, last] = std::ranges::unique(corners, {}, key);
   corners.erase(end, last);
   return corners;
 }
 
+using Triangulation = CGAL::Delaunay_triangulation_3<Kernel>;
+
+Triangulation triangulated(std::span<const Vec3> corners, const Context& context) {
+  Poll poll(context, 64);
+  const std::size_t most = most_cells(corners.size());
+  Triangulation triangulation;
+  Triangulation::Cell_handle near;
+  for (const std::uint32_t i : insertion_order(corners, context)) {
+    const Vec3 c = corners[i];
+    poll();
+    if (triangulation.number_of_cells() > most) {
+      throw Error(
+          ErrorCode::too_large,
+          "The surface of the union of these spheres has too many corners that lie on few lines to look for the "
+          "largest inscribed sphere; leave some of the spheres out.");
+    }
+    near = triangulation.insert({c.x, c.y, c.z}, near)->cell();
+  }
+  return triangulation;
+}
+
 // What the corners' Voronoi vertices may be the centres of, if larger than `least`.
-std::vector<Sphere> empty_balls(std::span<const Vec3> corners, double least) {
-  std::vector<Kernel::Point_3> points;
-  points.reserve(corners.size());
-  for (const Vec3 c : corners) points.emplace_back(c.x, c.y, c.z);
-  const CGAL::Delaunay_triangulation_3<Kernel> triangulation(points.begin(), points.end());
+std::vector<Sphere> empty_balls(std::span<const Vec3> corners, double least, const Context& context) {
+  const Triangulation triangulation = triangulated(corners, context);
   std::vector<Sphere> result;
+  Poll poll(context);
   for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
+    poll(8);
     const auto at = [&](int i) {
       const auto& p = cell->vertex(i)->point();
       return Vec3{p.x(), p.y(), p.z()};
@@ -107,27 +131,22 @@ Sphere largest_inscribed_sphere(std::span<const Sphere> balls, const Context& co
   Context quiet = context;
   quiet.progress = nullptr;
   context.report("inscribed", 0);
-  const std::vector<Vec3> corners = merged(union_corners(balls, quiet));
+  const std::vector<Vec3> corners = merged(union_corners(balls, quiet), context);
   // An inscribed ball is smaller than those that the corners' hull alone allows, and has its centre in some ball.
   constexpr double kShrink = 1 - 0x1p-30;
-  std::vector<Sphere> candidates = empty_balls(corners, member.radius / kShrink);
+  std::vector<Sphere> candidates = empty_balls(corners, member.radius / kShrink, context);
   context.throw_if_cancelled();
-  std::ranges::sort(candidates, [](const Sphere& a, const Sphere& b) {
+  Poll poll(context);
+  const auto before = [](const Sphere& a, const Sphere& b) {
     return std::tuple(-a.radius, a.centre.x, a.centre.y, a.centre.z) <
            std::tuple(-b.radius, b.centre.x, b.centre.y, b.centre.z);
-  });
-  std::vector<Box> boxes;
-  for (const Sphere& ball : balls) boxes.push_back(box_of(ball));
-  const BoxTree tree(boxes, quiet);
+  };
+  std::sort(candidates.begin(), candidates.end(), Polled(poll, before));
+  const detail::BallTree tree(balls, context);
   const auto covered = [&](Vec3 point) {
-    Box at;
-    at.include(point);
-    bool found = false;
-    tree.for_each_overlap(at, [&](std::size_t place) {
-      const Sphere& ball = balls[tree.order()[place]];
-      found |= squared_norm(point - ball.centre) <= ball.radius * ball.radius;
+    return tree.any_overlapping({point, 0}, [&](std::uint32_t i) {
+      return squared_norm(point - balls[i].centre) <= balls[i].radius * balls[i].radius;
     });
-    return found;
   };
   const std::vector<Vec3> probes = directions();
   for (const Sphere& candidate : candidates) {
@@ -137,10 +156,13 @@ Sphere largest_inscribed_sphere(std::span<const Sphere> balls, const Context& co
     const bool hopeless =
         std::ranges::any_of(probes, [&](Vec3 d) { return !covered(tried.centre + tried.radius * d); });
     if (!covered(tried.centre) || hopeless) continue;
-    std::vector<Sphere> near{tried};
-    tree.for_each_overlap(box_of(tried), [&](std::size_t place) { near.push_back(balls[tree.order()[place]]); });
+    std::vector<Sphere> near;
+    tree.any_overlapping(tried, [&](std::uint32_t i) {
+      near.push_back(balls[i]);
+      return false;
+    });
     // Where its sphere is covered up to less than a cap of a height of 2^-41 radii.
-    if (measure_union(near, quiet).parts[0].area_mm2 < 0x1p-40 * tried.radius * tried.radius) return tried;
+    if (exposed_area(tried, near, quiet) < 0x1p-40 * tried.radius * tried.radius) return tried;
   }
   return member;
 }

@@ -13,6 +13,7 @@
 
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
+#include "core/base/progress.h"
 
 namespace spherule {
 
@@ -285,9 +286,9 @@ InsideSamples classify_samples(const Volume& volume, const ObjectRule& rule, con
       case ObjectRule::Kind::threshold:
         return {classify_values(volume, samples, context, {rule.lo, kLargest}, complement), {}, {}};
       case ObjectRule::Kind::range:
-        return {classify_values(volume, samples, context, {rule.lo, rule.hi}, complement),
-                classify_values(volume, samples, context, above(rule.hi), false),
-                classify_not_finite(volume, samples, context)};
+        return {classify_values(volume, samples, part_of(context, 0, 0.4), {rule.lo, rule.hi}, complement),
+                classify_values(volume, samples, part_of(context, 0.4, 0.8), above(rule.hi), false),
+                classify_not_finite(volume, samples, part_of(context, 0.8, 1))};
       case ObjectRule::Kind::labels: break;
     }
     return {classify_labels(volume, samples, rule.labels, complement, context), {}, {}};

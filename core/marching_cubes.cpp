@@ -11,6 +11,7 @@
 #include "core/base/check.h"
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/predicates.h"
 
 namespace spherule {
@@ -196,8 +197,10 @@ struct Vertex {
 // that the outermost cells draw the cut.
 class Cells {
  public:
-  Cells(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples, const BoundaryPoints& boundary)
-      : volume_(volume),
+  Cells(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples, const BoundaryPoints& boundary,
+        const Context& context)
+      : context_(context),
+        volume_(volume),
         rule_(rule),
         boundary_(boundary),
         complement_(rule.side == Side::below),
@@ -209,9 +212,10 @@ class Cells {
     if (rule.kind == ObjectRule::Kind::range) above_ = padded(samples.above);
     if (samples.not_finite.words_per_row() != 0) not_finite_ = padded(samples.not_finite);
     plane_start_.assign(static_cast<std::size_t>(nz_) + 1, 0);
+    Poll poll(context);
     for (std::int32_t k = 0; k < nz_; ++k) {
       std::size_t n = 0;
-      for_each_crossed(k, [&](int, std::int32_t, std::int32_t, bool twice, bool is_point) {
+      for_each_crossed(k, poll, [&](int, std::int32_t, std::int32_t, bool twice, bool is_point) {
         n += is_point ? 1 + twice : 0;
         cut_ends_ += !is_point;
       });
@@ -228,11 +232,12 @@ class Cells {
   template <typename Triangle>
   void visit(std::size_t begin, std::size_t end, Triangle triangle) const {
     Plane low(*this), high(*this);
-    high.fill(static_cast<std::int32_t>(begin));
+    Poll poll(context_);
+    high.fill(static_cast<std::int32_t>(begin), poll);
     for (auto k = static_cast<std::int32_t>(begin); k < static_cast<std::int32_t>(end); ++k) {
       std::swap(low, high);
-      high.fill(k + 1);
-      for (std::int32_t j = 0; j + 1 < ny_; ++j) visit_row(j, k, low, high, triangle);
+      high.fill(k + 1, poll);
+      for (std::int32_t j = 0; j + 1 < ny_; ++j) visit_row(j, k, low, high, poll, triangle);
     }
   }
 
@@ -244,9 +249,9 @@ class Cells {
     explicit Plane(const Cells& cells) : of(&cells) {
       for (auto& axis : first) axis.resize(static_cast<std::size_t>(cells.nx_) * static_cast<std::size_t>(cells.ny_));
     }
-    void fill(std::int32_t k) {
+    void fill(std::int32_t k, Poll& poll) {
       auto next = static_cast<std::uint32_t>(of->plane_start_[static_cast<std::size_t>(k)]);
-      of->for_each_crossed(k, [&](int axis, std::int32_t i, std::int32_t j, bool twice, bool is_point) {
+      of->for_each_crossed(k, poll, [&](int axis, std::int32_t i, std::int32_t j, bool twice, bool is_point) {
         first[static_cast<std::size_t>(axis)][of->at(i, j)] = next;
         next += is_point ? 1 + twice : 0;
       });
@@ -276,13 +281,14 @@ class Cells {
   // Calls crossed(axis, i, j, twice, is_point) for the crossed edges that start in plane k, in the order of the
   // boundary points.
   template <typename Crossed>
-  void for_each_crossed(std::int32_t k, Crossed crossed) const {
+  void for_each_crossed(std::int32_t k, Poll& poll, Crossed crossed) const {
     for (std::int32_t j = 0; j < ny_; ++j) {
       const auto row = inside_.row(j, k);
       for (int axis = 0; axis < 3; ++axis) {
         const std::int32_t j2 = j + (axis == 1), k2 = k + (axis == 2);
         if (j2 == ny_ || k2 == nz_) continue;
         const bool rows_in_grid = j > 0 && k > 0 && j2 + 1 < ny_ && k2 + 1 < nz_;
+        poll(4 * row.size());
         for (std::size_t w = 0; w < row.size(); ++w) {
           const auto differences = [&](const SampleBits& bits) {
             return bits.row(j, k)[w] ^ (axis == 0 ? moved_down(bits.row(j, k), w) : bits.row(j2, k2)[w]);
@@ -295,6 +301,7 @@ class Cells {
             twice &= ~(gaps[w] | (axis == 0 ? moved_down(gaps, w) : not_finite_.row(j2, k2)[w]));
           }
           for (std::uint64_t rest = once | twice; rest != 0; rest &= rest - 1) {
+            poll();
             const int bit = std::countr_zero(rest);
             const bool is_point = rule_.border == Border::closed || ((grid >> bit) & 1);
             crossed(axis, static_cast<std::int32_t>(64 * w) + bit, j, ((twice >> bit) & 1) != 0, is_point);
@@ -307,7 +314,9 @@ class Cells {
   bool is_range() const { return above_.words_per_row() != 0; }
 
   template <typename Triangle>
-  void visit_row(std::int32_t j, std::int32_t k, const Plane& low, const Plane& high, Triangle& triangle) const {
+  void visit_row(std::int32_t j, std::int32_t k, const Plane& low, const Plane& high, Poll& poll,
+                 Triangle& triangle) const {
+    poll(16 * inside_.words_per_row());
     const std::array<std::array<std::int32_t, 2>, 4> rows{{{j, k}, {j + 1, k}, {j, k + 1}, {j + 1, k + 1}}};
     const bool row_in_grid = j > 0 && k > 0 && j + 2 < ny_ && k + 2 < nz_;
     for (std::size_t w = 0; w < inside_.words_per_row(); ++w) {
@@ -472,6 +481,7 @@ class Cells {
     return {index, boundary_.points[index]};
   }
 
+  const Context& context_;
   const Volume& volume_;
   const ObjectRule& rule_;
   const BoundaryPoints& boundary_;
@@ -488,7 +498,7 @@ constexpr const char* kStage = "marching cubes";
 
 Mesh marching_cubes(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
                     const BoundaryPoints& boundary, const Context& context) {
-  const Cells cells(volume, rule, samples, boundary);
+  const Cells cells(volume, rule, samples, boundary, context);
   std::vector<std::vector<std::array<std::uint32_t, 3>>> parts((cells.planes() + kPlanesPerPiece - 1) /
                                                                kPlanesPerPiece);
   // Left-handed axes turn every triangle round.
@@ -516,7 +526,7 @@ Mesh marching_cubes(const Volume& volume, const ObjectRule& rule, const InsideSa
 MarchingCubesMeasures measure_marching_cubes(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
                                              const BoundaryPoints& boundary, const Context& context) {
   using exact::operator-;
-  const Cells cells(volume, rule, samples, boundary);
+  const Cells cells(volume, rule, samples, boundary, context);
   struct Part {
     Int128 six_volumes = 0;
     double two_areas = 0;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -11,6 +12,7 @@
 #include "core/base/disjoint_sets.h"
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/predicates.h"
 
 namespace spherule {
@@ -21,7 +23,9 @@ namespace {
 std::size_t count_edges(std::span<const Tetrahedron> cells, std::size_t point_count, const Context& context) {
   constexpr std::size_t kGrain = 1 << 14;
   const auto for_each_edge = [&](auto visit) {
+    Poll poll(context);
     for (const Tetrahedron& t : cells) {
+      poll(8);
       for (std::size_t i = 0; i < 4; ++i) {
         for (std::size_t j = i + 1; j < 4; ++j) visit(std::min(t[i], t[j]), std::max(t[i], t[j]));
       }
@@ -37,10 +41,11 @@ std::size_t count_edges(std::span<const Tetrahedron> cells, std::size_t point_co
   }
   std::vector<std::size_t> part((point_count + kGrain - 1) / kGrain, 0);
   parallel_for(context, {}, point_count, kGrain, [&](std::size_t begin, std::size_t end) {
+    Poll poll(context);
     for (std::size_t v = begin; v < end; ++v) {
       const auto from = ends.begin() + static_cast<std::ptrdiff_t>(start[v]),
                  to = ends.begin() + static_cast<std::ptrdiff_t>(start[v + 1]);
-      std::sort(from, to);
+      std::sort(from, to, Polled(poll, std::less<>()));
       part[begin / kGrain] += static_cast<std::size_t>(std::unique(from, to) - from);
     }
   });
@@ -57,7 +62,9 @@ Topology topology_of(const Solid& solid, std::span<const std::array<std::uint32_
 
   std::vector<std::uint8_t> used(point_count, 0);
   DisjointSets pieces(point_count);
+  Poll poll(context);
   for (const Tetrahedron& t : inside) {
+    poll(8);
     for (const std::uint32_t v : t) {
       used[v] = 1;
       pieces.unite(t[0], v);
@@ -66,6 +73,7 @@ Topology topology_of(const Solid& solid, std::span<const std::array<std::uint32_
   Topology topology;
   std::int64_t vertices = 0;
   for (std::uint32_t v = 0; v < point_count; ++v) {
+    poll();
     vertices += used[v];
     topology.betti[0] += used[v] && pieces.is_root(v);
   }
@@ -74,6 +82,7 @@ Topology topology_of(const Solid& solid, std::span<const std::array<std::uint32_
   const auto infinite = static_cast<std::uint32_t>(outside_count);
   DisjointSets rest(outside_count + 1);
   for (std::size_t c = solid.inside_count; c < solid.cells.size(); ++c) {
+    poll(8);
     for (const std::uint32_t other : adjacent[c]) {
       const auto here = static_cast<std::uint32_t>(c - solid.inside_count);
       if (other == no_cell) {
@@ -166,6 +175,7 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
   if (solid.inside_count == 0) return measures;
   const double unit = solid.boundary.lattice.unit_mm;
 
+  context.report("tetrahedra", 0);
   const auto adjacent = neighbours(solid.cells, points.size(), context);
   constexpr std::size_t kGrain = 1 << 16;
   struct Part {
@@ -196,7 +206,9 @@ TetrahedraMeasures measure_tetrahedra(const Solid& solid, const Context& context
   measures.moments = tetrahedra_moments(solid, context);
   measures.volume_mm3 = measures.moments.volume;
   measures.area_mm2 *= unit * unit;
+  context.report("tetrahedra", 0.5);
   measures.topology = topology_of(solid, adjacent, measures.boundary_facets, context);
+  context.report("tetrahedra", 1);
   return measures;
 }
 

@@ -2,37 +2,24 @@
 #include "core/measures.h"
 
 #include "core/base/check.h"
+#include "core/base/progress.h"
 #include "core/enclosing.h"
 #include "core/power.h"
 
 namespace spherule {
-
-namespace {
-
-// A part of the work's progress.
-Context part_of(const Context& whole, double from, double to) {
-  Context part = whole;
-  part.progress = [&whole, from, to](std::string_view stage, double fraction) {
-    whole.report(stage, from + (to - from) * fraction);
-  };
-  return part;
-}
-
-}  // namespace
 
 ModelMeasures measure_model(const SphereModel& model, const UnionMeasures& whole,
                             const std::optional<MeasuredObject>& object, const Context& context) {
   SPHERULE_CHECK(model.solid.has_value() == object.has_value());
   ModelMeasures measures;
   if (model.solid) {
-    context.report("tetrahedra", 0);
     measures.tetrahedra = measure_tetrahedra(*model.solid, part_of(context, 0, 0.3));
     const InsideSamples samples = classify_samples(object->volume, object->rule, part_of(context, 0.3, 0.35));
     measures.voxels = measure_voxels(object->volume.grid, samples.inside);
     measures.marching_cubes = measure_marching_cubes(object->volume, object->rule, samples, model.solid->boundary,
                                                      part_of(context, 0.35, 0.45));
-    measures.observations = observations(model, boundary_point_density(*model.solid), measures.tetrahedra->volume_mm3,
-                                         whole.moments.volume);
+    measures.observations = observations(model, boundary_point_density(*model.solid, context),
+                                         measures.tetrahedra->volume_mm3, whole.moments.volume);
   } else {
     context.report("topology", 0);
   }

@@ -2,12 +2,14 @@
 #include "core/plane_delaunay.h"
 
 #include <CGAL/Delaunay_triangulation_2.h>
-#include <CGAL/spatial_sort.h>
 
 #include <algorithm>
+#include <functional>
 
 #include "core/base/check.h"
+#include "core/base/poll.h"
 #include "core/predicates.h"
+#include "core/spatial_order.h"
 
 namespace spherule {
 
@@ -57,21 +59,12 @@ struct PlaneTraits {
       return static_cast<CGAL::Oriented_side>(exact::in_circle(p.at, q.at, r.at, t.at));
     }
   };
-  // Axes for the spatial sort.
-  struct Less_x_2 {
-    bool operator()(const Point_2& p, const Point_2& q) const { return p.at.x < q.at.x; }
-  };
-  struct Less_y_2 {
-    bool operator()(const Point_2& p, const Point_2& q) const { return p.at.y < q.at.y; }
-  };
 
   Construct_point_2 construct_point_2_object() const { return {}; }
   Compare_x_2 compare_x_2_object() const { return {}; }
   Compare_y_2 compare_y_2_object() const { return {}; }
   Orientation_2 orientation_2_object() const { return {}; }
   Side_of_oriented_circle_2 side_of_oriented_circle_2_object() const { return {}; }
-  Less_x_2 less_x_2_object() const { return {}; }
-  Less_y_2 less_y_2_object() const { return {}; }
 };
 
 using Triangulation = CGAL::Delaunay_triangulation_2<PlaneTraits>;
@@ -79,16 +72,14 @@ using Triangulation = CGAL::Delaunay_triangulation_2<PlaneTraits>;
 }  // namespace
 
 std::vector<PlaneTriangle> triangulate(std::span<const LatticePoint> points, const Context& context) {
-  std::vector<IndexedPoint> order(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) order[i] = {points[i], static_cast<std::uint32_t>(i)};
-  CGAL::spatial_sort(order.begin(), order.end(), PlaneTraits{});
-
-  constexpr std::size_t kPollEvery = 4096;
+  std::vector<Vec3> places;
+  for (const LatticePoint p : points) places.push_back({double(p.x), double(p.y), 0});
+  Poll poll(context, 256);
   Triangulation triangulation;
   Triangulation::Face_handle near;
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    if (i % kPollEvery == 0) context.throw_if_cancelled();
-    near = triangulation.insert(order[i], near)->face();
+  for (const std::uint32_t i : insertion_order(places, context)) {
+    poll();
+    near = triangulation.insert({points[i], i}, near)->face();
   }
   SPHERULE_CHECK(triangulation.number_of_vertices() == points.size());
 
@@ -96,12 +87,13 @@ std::vector<PlaneTriangle> triangulate(std::span<const LatticePoint> points, con
   if (triangulation.dimension() < 2) return triangles;
   triangles.reserve(triangulation.number_of_faces());
   for (auto face = triangulation.finite_faces_begin(); face != triangulation.finite_faces_end(); ++face) {
+    poll();
     PlaneTriangle t;
     for (int i = 0; i < 3; ++i) t[static_cast<std::size_t>(i)] = face->vertex(i)->point().index;
     std::ranges::rotate(t, std::ranges::min_element(t));
     triangles.push_back(t);
   }
-  std::ranges::sort(triangles);
+  std::sort(triangles.begin(), triangles.end(), Polled(poll, std::less<>()));
   return triangles;
 }
 

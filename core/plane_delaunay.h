@@ -19,7 +19,7 @@ using PlaneTriangle = std::array<std::uint32_t, 3>;
 /// Of points in one plane z = constant that differ pairwise; ascending lexicographically. Ties (four or more points on
 /// an empty circle, the rule on a grid) are broken by perturbing symbolically in the lexicographic order of the points
 /// (Devillers and Teillaud, SODA 2003), so the result is a function of the set of points alone. Fewer than three
-/// points, or points on one line, give none. Expected O(n log n). Throws cancelled.
+/// points, or points on one line, give none. Expected O(n log n); 200 bytes a point. Throws cancelled.
 std::vector<PlaneTriangle> triangulate(std::span<const LatticePoint> points, const Context& context = {});
 
 }  // namespace spherule

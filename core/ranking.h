@@ -19,7 +19,7 @@ struct Ranking {
 };
 
 /// Equal volumes: the larger area first, then the lower index. The last cumulative share is 1, or all are 0 for a
-/// union without volume. O(n log n).
+/// union without volume. O(n log n); 40 bytes a ball.
 Ranking rank_contributions(std::span<const BallPart> parts);
 
 }  // namespace spherule

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "core/base/check.h"
+#include "core/base/poll.h"
 #include "core/boundary.h"
 #include "core/interpolated_object.h"
 #include "core/predicates.h"
@@ -99,9 +100,9 @@ class Outline {
       : slice_(slice), rule_(rule), inside_(inside), edges_(lattice, points) {}
 
   std::vector<std::array<std::uint32_t, 2>> edges(const Context& context) {
+    Poll poll(context);
     for (std::int32_t y = -1; y < slice_.grid.dims[1]; ++y) {
-      context.throw_if_cancelled();
-      for (std::int32_t x = -1; x < slice_.grid.dims[0]; ++x) march(x, y);
+      for (std::int32_t x = -1; x < slice_.grid.dims[0]; ++x) poll(4), march(x, y);
     }
     return std::move(contour_);
   }
@@ -208,7 +209,9 @@ PlaneModel build_plane_model(const Volume& slice, const ObjectRule& rule, std::s
 
   const InterpolatedObject object(slice, rule, samples.inside, model.lattice);
   const auto& points = model.points;
+  Poll poll(context);
   const auto inside = [&](const PlaneTriangle& t) {
+    poll(32);
     const LatticePoint a = points[t[0]], b = points[t[1]], c = points[t[2]];
     return object.has_ball(circumcircle(a, b, c).centre, kCentreError,
                            [&](LatticePoint sample) { return exact::in_circle(a, b, c, sample) > 0; });
@@ -218,6 +221,7 @@ PlaneModel build_plane_model(const Volume& slice, const ObjectRule& rule, std::s
   context.throw_if_cancelled();
   exact::Wide area = 0;
   for (const auto& [p, q, r] : std::span(model.triangles).first(model.inside_count)) {
+    poll(8);
     const Sphere circle = circumcircle(points[p], points[q], points[r]);
     model.circles.push_back({model.lattice.to_patient(circle.centre), model.lattice.unit_mm * circle.radius});
     area += exact::two_areas(points[p], points[q], points[r]);

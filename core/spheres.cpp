@@ -8,6 +8,7 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/interpolated_object.h"
 #include "core/predicates.h"
 
@@ -15,7 +16,7 @@ namespace spherule {
 
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kGrain = 1 << 12;
 
 Vec3 to_vec3(exact::Difference d) {
   return {static_cast<double>(d.x), static_cast<double>(d.y), static_cast<double>(d.z)};
@@ -73,12 +74,14 @@ bool cell_is_inside(const InterpolatedObject& object, LatticePoint a, LatticePoi
 }
 
 // Moves the flagged cells to the front; both parts keep their order. One transient copy of the outside part.
-std::size_t inside_first(Tetrahedralization& cells, const std::vector<std::uint8_t>& inside) {
+std::size_t inside_first(Tetrahedralization& cells, const std::vector<std::uint8_t>& inside, const Context& context) {
+  Poll poll(context);
   Tetrahedralization outside;
   outside.reserve(cells.size() -
                   static_cast<std::size_t>(std::accumulate(inside.begin(), inside.end(), std::size_t{0})));
   std::size_t kept = 0;
   for (std::size_t c = 0; c < cells.size(); ++c) {
+    poll();
     if (inside[c]) {
       cells[kept++] = cells[c];
     } else {
@@ -102,7 +105,7 @@ SphereModel classify_spheres(const Volume& volume, const ObjectRule& rule, const
       inside[c] = cell_is_inside(object, points[p], points[q], points[r], points[s]);
     }
   });
-  const std::size_t inside_count = inside_first(cells, inside);
+  const std::size_t inside_count = inside_first(cells, inside, context);
   SphereModel model;
   model.spheres = circumspheres(boundary.lattice, points, cells, inside_count, context);
   model.solid = Solid{.boundary = std::move(boundary), .cells = std::move(cells), .inside_count = inside_count};
@@ -138,7 +141,9 @@ double boundary_point_density(const Solid& solid, const Context& context) {
   const auto& points = solid.boundary.points;
   constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
   std::vector<std::int64_t> nearest(points.size(), kNone);
+  Poll poll(context);
   for (const Tetrahedron& t : solid.cells) {
+    poll(8);
     for (std::size_t i = 0; i < 4; ++i) {
       for (std::size_t j = i + 1; j < 4; ++j) {
         const std::int64_t d = exact::squared_length(points[t[i]] - points[t[j]]);

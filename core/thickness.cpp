@@ -6,11 +6,13 @@
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <numeric>
 #include <utility>
 
 #include "core/ball_cell.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 
 namespace spherule {
 
@@ -43,7 +45,7 @@ struct Block {
 };
 
 // Halves along the longest side, at a multiple of a leaf from its low end. A ball that reaches both is in both.
-std::array<Block, 2> halves(const Block& block, std::span<const LatticeBall> balls) {
+std::array<Block, 2> halves(const Block& block, std::span<const LatticeBall> balls, Poll& poll) {
   const auto longest = std::ranges::max_element(block.size) - block.size.begin();
   const auto axis = static_cast<std::size_t>(longest);
   const std::int64_t first = (block.size[axis] + 2 * kLeaf - 1) / (2 * kLeaf) * kLeaf;
@@ -53,6 +55,7 @@ std::array<Block, 2> halves(const Block& block, std::span<const LatticeBall> bal
   parts[1].size[axis] -= first;
   const auto last_before = static_cast<double>(parts[1].low[axis] - 1), first_after = last_before + 1;
   for (const std::uint32_t b : block.balls) {
+    poll(2);
     const double centre = balls[b].centre[static_cast<int>(longest)], radius = balls[b].radius;
     if (centre - radius <= last_before) parts[0].balls.push_back(b);
     if (centre + radius >= first_after) parts[1].balls.push_back(b);
@@ -76,8 +79,9 @@ struct Reach {
 // Gives every point of a leaf to the first ball that holds it.
 class Leaf {
  public:
-  Leaf(const Block& block, std::span<const LatticeBall> balls)
+  Leaf(const Block& block, std::span<const LatticeBall> balls, Poll& poll)
       : block_(block),
+        poll_(poll),
         balls_(balls),
         size_{static_cast<int>(block.size[0]), static_cast<int>(block.size[1]), static_cast<int>(block.size[2])} {}
 
@@ -89,7 +93,7 @@ class Leaf {
         for (int j = 0; j < size_[1]; ++j) row(j, k) = ones(0, size_[0]);
       }
     } else {
-      for (const std::uint32_t b : block_.balls) open_part(balls_[b], reaches[b]);
+      for (const std::uint32_t b : block_.balls) poll_(16), open_part(balls_[b], reaches[b]);
     }
     for (int k = 0; k < size_[2]; ++k) {
       for (int j = 0; j < size_[1]; ++j) open_rows_[at(k)] |= std::uint64_t{row(j, k) != 0} << j;
@@ -97,6 +101,7 @@ class Leaf {
     }
     for (const std::uint32_t b : block_.balls) {
       if (open_planes_ == 0) return;
+      poll_(16);
       if (const std::uint64_t gained = take(balls_[b]); gained > 0) {
         std::atomic_ref<std::uint64_t>(painted[b]).fetch_add(gained, std::memory_order_relaxed);
       }
@@ -130,6 +135,7 @@ class Leaf {
     }
     const Vec3 c = centre_of(ball);
     for (int k = box[2][0]; k < box[2][1]; ++k) {
+      poll_(64);
       const double disk = squared(ball.radius) - squared(k - c.z);
       for (int j = box[1][0]; j < box[1][1]; ++j) {
         const double chord = disk - squared(j - c.y);
@@ -144,6 +150,7 @@ class Leaf {
     std::uint64_t gained = 0;
     const Vec3 c = centre_of(ball);
     for (std::uint64_t planes = open_planes_ & ones(within(c.z, ball.radius, 2)); planes != 0; planes &= planes - 1) {
+      poll_(64);
       const int k = std::countr_zero(planes);
       const double disk = squared(ball.radius) - squared(k - c.z);
       if (disk < 0) continue;
@@ -165,6 +172,7 @@ class Leaf {
   }
 
   const Block& block_;
+  Poll& poll_;
   std::span<const LatticeBall> balls_;
   std::array<int, 3> size_;
   // Points still open, and where there are any.
@@ -177,21 +185,19 @@ struct Canvas {
   std::span<const LatticeBall> balls;
   std::span<const Reach> reaches;       // empty, or of each ball
   std::vector<std::uint64_t>& painted;  // points by ball
-  const Context& context;
 };
 
-void paint_all(const Block& block, const Canvas& canvas) {
+void paint_all(const Block& block, const Canvas& canvas, Poll& poll) {
   if (block.balls.empty()) return;
   if (block.is_leaf()) {
-    canvas.context.throw_if_cancelled();
-    Leaf(block, canvas.balls).paint(canvas.reaches, canvas.painted);
+    Leaf(block, canvas.balls, poll).paint(canvas.reaches, canvas.painted);
     return;
   }
-  for (const Block& part : halves(block, canvas.balls)) paint_all(part, canvas);
+  for (const Block& part : halves(block, canvas.balls, poll)) paint_all(part, canvas, poll);
 }
 
 // Blocks for the threads, the same for any number of them.
-std::vector<Block> tasks_of(Block whole, std::span<const LatticeBall> balls) {
+std::vector<Block> tasks_of(Block whole, std::span<const LatticeBall> balls, Poll& poll) {
   std::vector<Block> tasks;
   tasks.push_back(std::move(whole));
   while (tasks.size() < kTasks) {
@@ -203,7 +209,7 @@ std::vector<Block> tasks_of(Block whole, std::span<const LatticeBall> balls) {
         continue;
       }
       split = true;
-      for (Block& part : halves(task, balls)) {
+      for (Block& part : halves(task, balls, poll)) {
         if (!part.balls.empty()) finer.push_back(std::move(part));
       }
     }
@@ -236,7 +242,8 @@ std::vector<Reach> reaches_of(const SphereModel& model, std::span<const std::uin
   for (const LatticePoint p : solid.boundary.points) points.push_back(to_lattice(solid.boundary.lattice.to_patient(p)));
   // In the order of the cells, which is that of memory.
   std::vector<std::uint32_t> rank(order.size());
-  for (std::uint32_t n = 0; n < order.size(); ++n) rank[order[n]] = n;
+  Poll poll(context);
+  for (std::uint32_t n = 0; n < order.size(); ++n) poll(2), rank[order[n]] = n;
   std::vector<Reach> reaches(order.size());
   parallel_for(quiet, {}, cells.size(), 1 << 12, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
@@ -264,11 +271,11 @@ std::vector<Reach> reaches_of(const SphereModel& model, std::span<const std::uin
   return reaches;
 }
 
-std::vector<std::uint32_t> largest_first(std::span<const Sphere> balls) {
+std::vector<std::uint32_t> largest_first(std::span<const Sphere> balls, Poll& poll) {
   std::vector<std::pair<double, std::uint32_t>> keys;
   keys.reserve(balls.size());
   for (std::uint32_t b = 0; b < balls.size(); ++b) keys.emplace_back(-balls[b].radius, b);
-  std::ranges::sort(keys);
+  std::sort(keys.begin(), keys.end(), Polled(poll, std::less<>()));
   std::vector<std::uint32_t> order;
   order.reserve(keys.size());
   for (const auto& [key, b] : keys) order.push_back(b);
@@ -285,7 +292,8 @@ struct Painted {
 // `raw` may be null: the model that the balls are of.
 Painted painted(std::span<const Sphere> balls, const SphereModel* raw, double volume_mm3, std::uint64_t samples,
                 const Context& context) {
-  Painted result{.order = largest_first(balls), .points = std::vector<std::uint64_t>(balls.size(), 0)};
+  Poll poll(context);
+  Painted result{.order = largest_first(balls, poll), .points = std::vector<std::uint64_t>(balls.size(), 0)};
   const Mat3 axes = lattice_axes();
   Box box;
   for (const Sphere& ball : balls) box.include(Sphere{axes * ball.centre, ball.radius});
@@ -298,6 +306,7 @@ Painted painted(std::span<const Sphere> balls, const SphereModel* raw, double vo
   std::vector<LatticeBall> on_lattice;
   on_lattice.reserve(balls.size());
   for (const std::uint32_t b : result.order) {
+    poll(4);
     on_lattice.push_back({to_lattice(balls[b].centre), balls[b].radius / result.step});
   }
   std::vector<Reach> reaches;
@@ -310,10 +319,11 @@ Painted painted(std::span<const Sphere> balls, const SphereModel* raw, double vo
   whole.balls.resize(balls.size());
   std::iota(whole.balls.begin(), whole.balls.end(), 0U);
 
-  const std::vector<Block> tasks = tasks_of(std::move(whole), on_lattice);
-  const Canvas canvas{on_lattice, reaches, result.points, context};
+  const std::vector<Block> tasks = tasks_of(std::move(whole), on_lattice, poll);
+  const Canvas canvas{on_lattice, reaches, result.points};
   parallel_for(context, "thickness", tasks.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t t = begin; t < end; ++t) paint_all(tasks[t], canvas);
+    Poll painting(context);
+    for (std::size_t t = begin; t < end; ++t) paint_all(tasks[t], canvas, painting);
   });
   return result;
 }

@@ -33,7 +33,8 @@ struct LocalThickness {
 /// spacing is the cube root of volume_mm3 / samples, where volume_mm3 is that of the union (measure_union). Each point
 /// takes the first ball, in descending order of radius, that holds it. The error of a mean is that of counting
 /// lattice points: with the default, some 1e-4 of it for a head or a liver.
-/// O(n log n + rows of lattice points in balls that larger balls have left open). Memory: 60 bytes a ball.
+/// O(n log n + rows of lattice points in balls that larger balls have left open), and a little for every ball in each
+/// block of 64³ points that it reaches. Memory: 60 bytes a ball.
 /// Throws invalid_argument unless buckets is within 1 … 65536. Reports stage "thickness".
 LocalThickness local_thickness(std::span<const Sphere> balls, double volume_mm3, std::size_t buckets = 40,
                                std::uint64_t samples = std::uint64_t{1} << 22, const Context& context = {});

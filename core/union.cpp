@@ -17,15 +17,20 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "core/ball_cell.h"
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/box_tree.h"
 #include "core/measure.h"
+#include "core/power.h"
 #include "core/predicates.h"
 
 namespace spherule {
@@ -54,11 +59,12 @@ class Rivals {
     order_.push_back({height, number, static_cast<std::uint32_t>(rivals_.size())});
     rivals_.push_back(rival);
   }
-  void sort() { std::ranges::sort(order_); }
+  void sort(Poll& poll) { std::sort(order_.begin(), order_.end(), Polled(poll, std::less<>())); }
 
   // False when nothing remains.
-  bool cut(BallCell& cell) const {
+  bool cut(BallCell& cell, Poll& poll) const {
     for (const Turn& turn : order_) {
+      poll(16);
       if (turn.height >= cell.reach()) break;
       if (!cell.cut(rivals_[turn.place].normal, rivals_[turn.place].offset)) return false;
     }
@@ -95,14 +101,34 @@ struct Cap {
   }
 };
 
+struct Member {
+  Sphere ball;
+  std::uint32_t number;
+};
+
+// Adds what a ball takes off another one's cell. False if it hides that one: of balls with one centre the larger
+// counts, of identical ones that with the lower number.
+template <typename Matters>
+bool add_rival(const Member& own, const Member& rival, Vec3 pivot, Rivals& rivals, Matters&& matters) {
+  const auto& [ball, number] = own;
+  const Sphere& other = rival.ball;
+  const Vec3 d = other.centre - ball.centre;
+  const double squared = squared_norm(d), reach = ball.radius + other.radius;
+  if (squared >= reach * reach) return true;
+  const double larger = (ball.radius - other.radius) * reach;
+  if (!(squared > 0)) return !(larger < 0 || (larger == 0 && rival.number < number));
+  const double distance = std::sqrt(squared), half = (squared + larger) / 2;
+  if (!matters(d, distance, half)) return true;
+  const double inverse = 1 / distance, offset = half * inverse;
+  const Vec3 normal = inverse * d;
+  if (offset <= -kTangent * ball.radius) return false;
+  if (offset < kTangent * ball.radius) rivals.add({normal, offset}, offset - dot(normal, pivot), rival.number);
+  return true;
+}
+
 // Many balls, each with a box around the part of it that may count and a number.
 class Crowd {
  public:
-  struct Member {
-    Sphere ball;
-    std::uint32_t number;
-  };
-
   Crowd(std::span<const Member> members, std::span<const Box> boxes, const Context& context) : tree_(boxes, context) {
     members_.reserve(members.size());
     for (const std::uint32_t m : tree_.order()) members_.push_back(members[m]);
@@ -119,47 +145,51 @@ class Crowd {
   };
 
   // The balls that bound the cell of ball n, the planes nearest to the pivot first: when the cell is cut by these, most
-  // others lie beyond what is left. False if one hides it: of balls with one centre the larger counts, of identical
-  // ones that with the lower number.
+  // others lie beyond what is left. False if one hides it.
   template <typename Matters>
-  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, Vicinity& vicinity, Rivals& rivals,
+  bool find_rivals(std::size_t n, const Box& box, Vec3 pivot, Vicinity& vicinity, Rivals& rivals, Poll& poll,
                    Matters&& matters) const {
-    if (vicinity.leaf != n / BoxTree::kFan) {
-      vicinity.leaf = n / BoxTree::kFan;
-      tree_.find_leaves(tree_.bounds(vicinity.leaf), vicinity.leaves);
-    }
+    look_around(n, vicinity);
     rivals.clear();
-    const Sphere& ball = members_[n].ball;
-    bool hidden = false;
+    bool visible = true;
     tree_.for_each_overlap(vicinity.leaves, box, [&](std::size_t o) {
-      const auto& [other, number] = members_[o];
-      const Vec3 d = other.centre - ball.centre;
-      const double squared = squared_norm(d), reach = ball.radius + other.radius;
-      if (squared >= reach * reach || o == n) return;
-      const double larger = (ball.radius - other.radius) * reach;
-      if (!(squared > 0)) {
-        hidden |= larger < 0 || (larger == 0 && number < members_[n].number);
-        return;
-      }
-      const double distance = std::sqrt(squared), half = (squared + larger) / 2;
-      if (!matters(d, distance, half)) return;
-      const double inverse = 1 / distance, offset = half * inverse;
-      const Vec3 normal = inverse * d;
-      hidden |= offset <= -kTangent * ball.radius;
-      if (offset < kTangent * ball.radius) rivals.add({normal, offset}, offset - dot(normal, pivot), number);
+      poll();
+      visible &= o == n || add_rival(members_[n], members_[o], pivot, rivals, matters);
     });
-    if (hidden) return false;
-    rivals.sort();
-    return true;
+    if (visible) rivals.sort(poll);
+    return visible;
+  }
+
+  // At most `most`: how many boxes overlap this one.
+  std::size_t count_overlapping(std::size_t n, const Box& box, Vicinity& vicinity, std::size_t most, Poll& poll) const {
+    look_around(n, vicinity);
+    std::size_t count = 0;
+    std::span<const std::uint32_t> leaves = vicinity.leaves;
+    while (!leaves.empty() && count < most) {
+      const auto some = leaves.first(std::min<std::size_t>(64, leaves.size()));
+      tree_.for_each_overlap(some, box, [&](std::size_t) { ++count; });
+      poll(8 * some.size());
+      leaves = leaves.subspan(some.size());
+    }
+    return std::min(count, most);
   }
 
  private:
+  void look_around(std::size_t n, Vicinity& vicinity) const {
+    if (vicinity.leaf == n / BoxTree::kFan) return;
+    vicinity.leaf = n / BoxTree::kFan;
+    tree_.find_leaves(tree_.bounds(vicinity.leaf), vicinity.leaves);
+  }
+
   BoxTree tree_;
   std::vector<Member> members_;
 };
 
 // One thread's memory.
 struct Workshop {
+  explicit Workshop(const Context& context) : poll(context, 1 << 13) {}
+
+  Poll poll;
   BallCell cell;
   Crowd::Vicinity vicinity;
   Rivals rivals;
@@ -183,31 +213,40 @@ Moments total(const std::vector<Moments>& pieces) {
 
 // -------------------------------------------------------------------------------------------------------- any balls
 
+// Who bounds whose cell is found by looking at all balls that overlap one, where these are few, as they are in most
+// sets that anybody wants; else by the power diagram, whose construction takes longer than a few dozen looks.
 class AnyUnion {
  public:
-  AnyUnion(std::span<const Sphere> balls, const Context& context) : AnyUnion(parts_of(balls), context) {}
+  AnyUnion(std::span<const Sphere> balls, const Context& context)
+      : parts_(parts_of(balls)), crowd_(parts_.members, parts_.boxes, context) {
+    if (!is_dense(context)) return;
+    std::vector<Sphere> all;
+    for (const Member& member : parts_.members) all.push_back(member.ball);
+    neighbours_ = power_neighbours(all, context);
+  }
 
-  std::size_t size() const { return size_; }
-  Vec3 middle() const { return middle_; }
+  std::size_t size() const { return parts_.members.size(); }
+  Vec3 middle() const { return 0.5 * (parts_.all.min + parts_.all.max); }
 
   // Calls visit(piece, member, cell) for every ball that is not hidden; `piece` is the number of the piece of work.
   template <typename Visit>
   void for_each_cell(const Context& context, Visit&& visit) const {
-    parallel_for(context, "union", size_, kGrain, [&](std::size_t begin, std::size_t end) {
-      Workshop shop;
-      const auto always = [](Vec3, double, double) { return true; };
+    parallel_for(context, "union", size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      Workshop shop(context);
       for (std::size_t n = begin; n < end; ++n) {
-        const Sphere& ball = crowd_[n].ball;
-        if (!crowd_.find_rivals(n, box_of(ball), {}, shop.vicinity, shop.rivals, always)) continue;
-        shop.cell.reset(ball.radius);
-        if (shop.rivals.cut(shop.cell)) visit(begin / kGrain, crowd_[n], shop.cell);
+        shop.poll(16);
+        if (!find_rivals(n, shop)) continue;
+        shop.cell.reset(crowd_[n].ball.radius);
+        if (shop.rivals.cut(shop.cell, shop.poll)) visit(begin / kGrain, crowd_[n], shop.cell);
       }
     });
   }
 
  private:
+  static constexpr std::size_t kFew = 64;
+
   struct Parts {
-    std::vector<Crowd::Member> members;
+    std::vector<Member> members;
     std::vector<Box> boxes;
     Box all;
   };
@@ -222,14 +261,40 @@ class AnyUnion {
     }
     return parts;
   }
-  AnyUnion(const Parts& parts, const Context& context)
-      : size_(parts.members.size()),
-        middle_(0.5 * (parts.all.min + parts.all.max)),
-        crowd_(parts.members, parts.boxes, context) {}
 
-  std::size_t size_;
-  Vec3 middle_;
+  // Whether more pairs overlap than it takes time to look at. Threads stop early once that is known: the answer does
+  // not depend on when.
+  bool is_dense(const Context& context) const {
+    const std::size_t most = kFew * size();
+    std::atomic<std::size_t> pairs{0};
+    parallel_for(context, {}, size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      Workshop shop(context);
+      for (std::size_t n = begin; n < end && pairs <= most; ++n) {
+        const Box& box = parts_.boxes[crowd_.place_of(n)];
+        pairs += crowd_.count_overlapping(n, box, shop.vicinity, most + 1, shop.poll);
+      }
+    });
+    return pairs > most;
+  }
+
+  bool find_rivals(std::size_t n, Workshop& shop) const {
+    const auto always = [](Vec3, double, double) { return true; };
+    const std::size_t place = crowd_.place_of(n);
+    if (!neighbours_)
+      return crowd_.find_rivals(n, parts_.boxes[place], {}, shop.vicinity, shop.rivals, shop.poll, always);
+    shop.rivals.clear();
+    bool visible = !neighbours_->hidden[place];
+    for (const std::uint32_t other : neighbours_->of(place)) {
+      shop.poll();
+      visible = visible && add_rival(parts_.members[place], parts_.members[other], {}, shop.rivals, always);
+    }
+    if (visible) shop.rivals.sort(shop.poll);
+    return visible;
+  }
+
+  Parts parts_;
   Crowd crowd_;
+  std::optional<PowerNeighbours> neighbours_;  // by place among the parts
 };
 
 // ------------------------------------------------------------------------------------------------------- raw models
@@ -314,11 +379,14 @@ class RawUnion {
     group_.assign(cells_.size(), no_cell);
     several_.assign(cells_.size(), false);
     std::vector<std::uint32_t> reached;
+    Poll poll(context_);
     for (std::uint32_t c = 0; c < cells_.size(); ++c) {
+      poll(4);
       if (group_[c] != no_cell || !on_boundary(c)) continue;
       group_[c] = c;
       reached.assign(1, c);
       for (std::size_t next = 0; next < reached.size(); ++next) {
+        poll(16);
         const Sphere& ball = spheres_[reached[next]];
         const double near = 0x1p-27 * ball.radius;
         for (const std::uint32_t other : across_[reached[next]]) {
@@ -332,7 +400,7 @@ class RawUnion {
       several_[c] = true;
       for (const std::uint32_t member : reached) members_.push_back({c, member});
     }
-    std::sort(members_.begin(), members_.end());
+    std::sort(members_.begin(), members_.end(), Polled(poll, std::less<>()));
   }
 
   // Calls visit(cell) for the cells of a group, ascending.
@@ -359,7 +427,7 @@ class RawUnion {
 
   // One ball of each group, and the box of what it has beyond boundary facets: of one point, where that is nothing.
   struct Balls {
-    std::vector<Crowd::Member> balls;
+    std::vector<Member> balls;
     std::vector<Box> boxes;
   };
   Balls collect_balls() const {
@@ -369,7 +437,7 @@ class RawUnion {
       for (std::size_t c = begin; c < end; ++c) start[begin / kGrain + 1] += leads(c);
     });
     std::partial_sum(start.begin(), start.end(), start.begin());
-    Balls all{std::vector<Crowd::Member>(start.back()), std::vector<Box>(start.back())};
+    Balls all{std::vector<Member>(start.back()), std::vector<Box>(start.back())};
     parallel_for(context_, {}, cells_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       std::vector<Cap> caps;
       std::size_t place = start[begin / kGrain];
@@ -438,9 +506,10 @@ class RawUnion {
     const Crowd crowd(all.balls, all.boxes, context_);
     auto pieces = one_a_piece<Moments>(all.balls.size());
     parallel_for(context_, "union", all.balls.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      Workshop shop;
+      Workshop shop(context_);
       Moments sum;
       for (std::size_t n = begin; n < end; ++n) {
+        shop.poll(16);
         if (n + kAhead < end) fetch(crowd[n + kAhead].number, result);
         const auto& [ball, group] = crowd[n];
         const std::size_t place = crowd.place_of(n);
@@ -454,9 +523,9 @@ class RawUnion {
           return std::ranges::any_of(shop.caps,
                                      [&](const Cap& cap) { return cap.meets(ball.radius, d, length, half); });
         };
-        if (!crowd.find_rivals(n, box, pivot, shop.vicinity, shop.rivals, matters)) continue;
+        if (!crowd.find_rivals(n, box, pivot, shop.vicinity, shop.rivals, shop.poll, matters)) continue;
         start_cell(ball, group, box, pivot, shop.cell);
-        if (!shop.rivals.cut(shop.cell)) continue;
+        if (!shop.rivals.cut(shop.cell, shop.poll)) continue;
         const BallPiece piece = shop.cell.measure(ball.radius);
         Moments beyond = piece.moments;
         for_each_member(group, [&](std::uint32_t member) { take_cell_off(member, ball.centre, beyond); });
@@ -510,7 +579,7 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
   const AnyUnion any(balls, context);
   if (any.size() == 0) return result;
   auto pieces = one_a_piece<Moments>(any.size());
-  any.for_each_cell(context, [&](std::size_t piece_of_work, const Crowd::Member& member, BallCell& cell) {
+  any.for_each_cell(context, [&](std::size_t piece_of_work, const Member& member, BallCell& cell) {
     const auto& [ball, number] = member;
     const BallPiece piece = cell.measure(ball.radius);
     result.parts[number] = {piece.moments.volume, piece.area, piece.push};
@@ -524,7 +593,7 @@ UnionMeasures measure_union(std::span<const Sphere> balls, const Context& contex
 std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& context) {
   const AnyUnion any(balls, context);
   auto pieces = one_a_piece<std::vector<Vec3>>(any.size());
-  any.for_each_cell(context, [&](std::size_t piece_of_work, const Crowd::Member& member, const BallCell& cell) {
+  any.for_each_cell(context, [&](std::size_t piece_of_work, const Member& member, const BallCell& cell) {
     std::vector<Vec3>& corners = pieces[piece_of_work];
     const std::size_t old = corners.size();
     cell.append_outline_corners(member.ball.radius, corners);
@@ -533,6 +602,18 @@ std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& co
   std::vector<Vec3> all;
   for (const std::vector<Vec3>& piece : pieces) all.insert(all.end(), piece.begin(), piece.end());
   return all;
+}
+
+double exposed_area(const Sphere& ball, std::span<const Sphere> others, const Context& context) {
+  if (!(ball.radius > 0)) return 0;
+  Workshop shop(context);
+  for (std::uint32_t i = 0; i < others.size(); ++i) {
+    shop.poll();
+    if (!add_rival({ball, 0}, {others[i], i + 1}, {}, shop.rivals, [](Vec3, double, double) { return true; })) return 0;
+  }
+  shop.rivals.sort(shop.poll);
+  shop.cell.reset(ball.radius);
+  return shop.rivals.cut(shop.cell, shop.poll) ? shop.cell.measure(ball.radius).area : 0;
 }
 
 UnionMeasures measure_raw_union(const SphereModel& model, const Context& context) {

@@ -33,14 +33,19 @@ struct UnionMeasures {
 /// The union of any balls: hidden, identical (the first one counts), concentric, tangent and those of radius 0 are
 /// ordinary. Each ball's cell is cut out of a cube by the planes of equal power with the balls that overlap it; volume,
 /// area and moments then follow from its faces in closed form (divergence theorem, Gauss-Bonnet).
-/// Relative error about 1e-14 a ball. Expected O(n · balls that overlap one); do not pass raw Delaunay sets, where
-/// hundreds overlap each. Memory below 300 bytes a ball. Reports stage "union". Precondition: centres and radii finite,
-/// radii >= 0.
+/// Relative error about 1e-14 a ball. Expected O(n log n): who bounds whom is looked for among the balls that overlap
+/// one where these are few dozen on average, else it is told by their power diagram (power.h, whose too_large is thrown
+/// where that is larger than it may be). A ball that f others bound takes O(f²). Memory: 300 bytes a ball; 1.2 kB where
+/// many overlap. Reports stage "union". Precondition: centres and radii finite, radii >= 0.
 UnionMeasures measure_union(std::span<const Sphere> balls, const Context& context = {});
 
 /// Where three or more spheres meet on the surface of the union of any balls: each such point about once for each of
 /// them, up to rounding. Cost, memory and preconditions as above.
 std::vector<Vec3> union_corners(std::span<const Sphere> balls, const Context& context = {});
+
+/// What of a ball's sphere would be on the surface of the union of all, mm²: its area in its power cell. Of identical
+/// balls it counts as the first. O(n log n + f²) for f balls that bound it; 60 bytes a ball.
+double exposed_area(const Sphere& ball, std::span<const Sphere> others, const Context& context = {});
 
 /// The union of a raw model's balls. The power diagram of all circumspheres is the tetrahedralization itself, so the
 /// union is the inside tetrahedra and what balls have beyond their boundary facets: only the cells of these balls are

@@ -18,7 +18,8 @@ inline constexpr std::size_t max_level_set_blocks = std::size_t{1} << 18;
 /// How far a level set reaches on either side of the surface, voxels.
 inline constexpr double level_set_band = 3;
 
-/// Of a level set's voxels, mm, within ranges::voxel_mm: OpenVDB takes a transform whose scales have a product below 3e-15 for singular.
+/// The least voxel of a level set, mm; the largest is that of ranges::voxel_mm. OpenVDB takes a transform whose scales
+/// have a product below 3e-15 for singular.
 inline constexpr double min_level_set_voxel_mm = 2e-5;
 
 /// An OpenVDB level set (grid "spheres", float) of the union: negative inside; mm along LPS. Values are the distance to

@@ -4,10 +4,12 @@
 #include <limits>
 
 #include "core/base/check.h"
+#include "core/base/poll.h"
 
 namespace spherule {
 
-std::vector<std::uint32_t> assign(std::span<const double> costs, std::size_t columns, double alone) {
+std::vector<std::uint32_t> assign(std::span<const double> costs, std::size_t columns, double alone,
+                                  const Context& context) {
   if (costs.empty()) return {};
   SPHERULE_CHECK(columns > 0 && costs.size() % columns == 0);
   const std::size_t rows = costs.size() / columns;
@@ -22,6 +24,7 @@ std::vector<std::uint32_t> assign(std::span<const double> costs, std::size_t col
   std::vector<double> row_price(rows, 0), column_price(all, 0), reach(all);
   std::vector<std::size_t> row_of(all, none), from(all);
   std::vector<std::uint8_t> done(all);
+  Poll poll(context);
   for (std::size_t start = 0; start < rows; ++start) {
     // Dijkstra's search, on costs reduced by the prices, for the nearest free column.
     std::fill(reach.begin(), reach.end(), infinite);
@@ -30,6 +33,7 @@ std::vector<std::uint32_t> assign(std::span<const double> costs, std::size_t col
     std::size_t row = start, last = none, free = none;
     double length = 0;
     while (free == none) {
+      poll(all);
       std::size_t next = none;
       for (std::size_t c = 0; c < all; ++c) {
         if (done[c]) continue;

@@ -29,7 +29,7 @@ std::vector<Vec3> match_features(const Shape& shape) {
 }
 
 std::vector<SpherePair> match_spheres(const Shape& fixed, const Shape& moving, const AffineMap& map,
-                                      const MatchingWeights& weights) {
+                                      const MatchingWeights& weights, const Context& context) {
   const std::vector<Vec3> f = match_features(fixed), m = match_features(moving);
   const double size = fixed.size_mm(), scale = scale_of(map);
   // Radii of 0 (imported points) are as good as tiny ones.
@@ -46,7 +46,7 @@ std::vector<SpherePair> match_spheres(const Shape& fixed, const Shape& moving, c
     }
   }
   std::vector<SpherePair> pairs;
-  const std::vector<std::uint32_t> partner = assign(costs, f.size(), weights.alone);
+  const std::vector<std::uint32_t> partner = assign(costs, f.size(), weights.alone, context);
   for (std::uint32_t i = 0; i < partner.size(); ++i) {
     if (partner[i] != unmatched) pairs.push_back({i, partner[i]});
   }
@@ -65,11 +65,11 @@ std::vector<PointPair> point_pairs(const Shape& fixed, const Shape& moving, std:
 }
 
 AffineMap match_from(const Shape& fixed, const Shape& moving, const AffineMap& start, TransformKind kind,
-                     const MatchingWeights& weights, int rounds) {
+                     const MatchingWeights& weights, int rounds, const Context& context) {
   AffineMap map = start;
   std::vector<SpherePair> before;
   for (int round = 0; round < rounds; ++round) {
-    std::vector<SpherePair> pairs = match_spheres(fixed, moving, map, weights);
+    std::vector<SpherePair> pairs = match_spheres(fixed, moving, map, weights, context);
     if (pairs.size() < 3 || pairs == before) break;
     map = solve(kind, point_pairs(fixed, moving, pairs));
     before = std::move(pairs);

@@ -32,16 +32,16 @@ struct SpherePair {
 std::vector<Vec3> match_features(const Shape& shape);
 
 /// The pairs of the least cost in all when the moving shape is where `map` takes it. `position` 0: wherever it is.
-/// O(k³).
+/// O(k³). Throws cancelled.
 std::vector<SpherePair> match_spheres(const Shape& fixed, const Shape& moving, const AffineMap& map,
-                                      const MatchingWeights& weights);
+                                      const MatchingWeights& weights, const Context& context = {});
 
 /// Ends of pairs as points; each weighs the root of the product of its spheres' shares of the volumes.
 std::vector<PointPair> point_pairs(const Shape& fixed, const Shape& moving, std::span<const SpherePair> pairs);
 
 /// Matching and solving in turn, from `start` until the pairs stay the same, at most `rounds` times.
 AffineMap match_from(const Shape& fixed, const Shape& moving, const AffineMap& start, TransformKind kind,
-                     const MatchingWeights& weights, int rounds = 30);
+                     const MatchingWeights& weights, int rounds = 30, const Context& context = {});
 
 /// The scale that the paper takes: the ratio of the largest radii, fixed over moving.
 double radius_ratio(const Shape& fixed, const Shape& moving);

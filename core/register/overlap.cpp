@@ -171,7 +171,7 @@ std::vector<float> overlaps(std::span<const SoftBall> fixed, std::span<const Sof
 }
 
 Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving, const Pose& start, bool scale_too,
-              int steps) {
+              int steps, const Context& context) {
   const double own = self_overlap(fixed) * self_overlap(moving);
   const Rows rows(fixed);
   const int n = scale_too ? 7 : 6;
@@ -179,6 +179,7 @@ Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving,
   OverlapValue now = overlap(rows, moving, pose, own);
   double damping = 1e-3;
   for (int step = 0; step < steps && damping < 1e6; ++step) {
+    context.throw_if_cancelled();
     Eigen::Matrix<double, 7, 7> curvature = Eigen::Matrix<double, 7, 7>::Identity();
     Eigen::Matrix<double, 7, 1> gradient = Eigen::Matrix<double, 7, 1>::Zero();
     for (int i = 0; i < n; ++i) {

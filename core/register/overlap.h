@@ -65,6 +65,6 @@ struct Climbed {
 /// Damped Newton steps uphill from `start` on the curvature above, with or without the scale, until one gains little or
 /// after `steps`. Never below where it began.
 Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving, const Pose& start, bool scale_too,
-              int steps);
+              int steps, const Context& context = {});
 
 }  // namespace spherule

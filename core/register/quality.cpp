@@ -47,7 +47,7 @@ UnionOverlap sampled_overlap(const SphereModel& fixed, const SphereModel& moving
                              std::size_t samples, const Context& context) {
   std::array<std::optional<detail::BallTree>, 2> trees;
   parallel_for(context, {}, 2, 1,
-               [&](std::size_t i, std::size_t) { trees[i].emplace((i == 0 ? fixed : moving).spheres); });
+               [&](std::size_t i, std::size_t) { trees[i].emplace((i == 0 ? fixed : moving).spheres, context); });
   const AffineMap back = inverse(map);
   Box box, other;
   for (const Sphere& ball : fixed.spheres) box.include(ball);

@@ -72,16 +72,11 @@ double turn_between(const AffineMap& a, const AffineMap& b) {
   return angle_between(nearest_rotation(a.linear), nearest_rotation(b.linear));
 }
 
-// What is too flat, or too much smaller than its partner, may leave numbers that make no transform.
-void require_some(const std::vector<Candidate>& found) {
-  if (!found.empty()) return;
-  throw Error(ErrorCode::unusable,
-              "No transform of this kind takes one model onto the other: one is too flat, or their sizes are too far "
-              "apart; scale them first, or ask for another transform or method.");
-}
-
-// The best first, and none that another one makes superfluous.
+// The best first, and none that another one makes superfluous or that numbers cannot undo.
 std::vector<Candidate> distinct(std::vector<Candidate> candidates, double degrees, std::size_t most) {
+  std::erase_if(candidates, [](const Candidate& c) {
+    return !is_proper(c.map) || !is_proper(inverse(c.map)) || !std::isfinite(c.score);
+  });
   std::ranges::stable_sort(candidates, std::greater<>(), &Candidate::score);
   std::vector<Candidate> kept;
   for (const Candidate& c : candidates) {
@@ -111,10 +106,11 @@ class Registering {
     });
     std::vector<Candidate> found;
     timed("search", 0.3, [&] { found = options_.method == RegistrationMethod::global ? by_overlap() : by_matching(); });
-    for (Candidate& c : found) c.map = bounded(c.map);
-    std::erase_if(found, [](const Candidate& c) { return !is_proper(c.map); });
     require_some(found);
+    for (Candidate& c : found) c.map = bounded(c.map);
     if (options_.refine) timed("surfaces", 0.5, [&] { found = by_surfaces(std::move(found)); });
+    found = distinct(std::move(found), 0, options_.inits);
+    require_some(found);
     timed("quality", 0.8, [&] { describe(found); });
     context_.report("register", 1);
     return std::move(result_);
@@ -149,7 +145,8 @@ class Registering {
     std::vector<Candidate> ends(starts.size());
     const AffineMap from_unit = inverse(fixed_unit);
     parallel_for(silent(), {}, starts.size(), 1, [&](std::size_t i, std::size_t) {
-      const Climbed top = climb(fixed, moving, {starts[i], 1, {}}, options_.transform != TransformKind::rigid, 30);
+      const Climbed top =
+          climb(fixed, moving, {starts[i], 1, {}}, options_.transform != TransformKind::rigid, 30, silent());
       ends[i] = {composed(from_unit, composed(top.pose.map(), moving_unit)), top.value};
     });
     return distinct(std::move(ends), kSameDegrees, options_.inits);
@@ -164,13 +161,13 @@ class Registering {
     std::vector<AffineMap> starts;
     MatchingWeights anywhere = options_.weights;
     anywhere.position = 0;
-    const auto pairs = match_spheres(fixed_, moving_, posed({}), anywhere);
+    const auto pairs = match_spheres(fixed_, moving_, posed({}), anywhere, context_);
     if (pairs.size() >= 3) starts.push_back(solve(options_.transform, point_pairs(fixed_, moving_, pairs)));
     for (const Mat3& turn : principal_turns()) starts.push_back(posed(turn));
     for (const Mat3& turn : even_rotations(options_.inits, options_.seed)) starts.push_back(posed(turn));
     std::vector<Candidate> ends(starts.size());
     parallel_for(silent(), {}, starts.size(), 1, [&](std::size_t i, std::size_t) {
-      ends[i].map = match_from(fixed_, moving_, starts[i], options_.transform, options_.weights);
+      ends[i].map = match_from(fixed_, moving_, starts[i], options_.transform, options_.weights, 30, silent());
       ends[i].score = surface_agreement(fixed_.surface, moving_.surface, ends[i].map, 500, reach(ends[i].map));
     });
     return distinct(std::move(ends), kSameDegrees, options_.inits);
@@ -232,6 +229,7 @@ class Registering {
         c.score = surface_agreement(fixed_.surface, moving_.surface, c.map, 2 * samples, reach(c.map));
       });
       candidates = distinct(std::move(candidates), kSameDegrees, options_.inits);
+      if (candidates.empty()) break;
       std::erase_if(candidates, [&](const Candidate& c) { return c.score < round.keep * candidates[0].score; });
     }
     return candidates;
@@ -244,9 +242,16 @@ class Registering {
     return std::max({0.02 * fixed_.size_mm(), fixed_.surface.spacing_mm, scale_of(map) * moving_.surface.spacing_mm});
   }
 
+  // Models that differ by many orders of magnitude, or flat ones under affine maps, may have no map that numbers can
+  // tell.
+  static void require_some(const std::vector<Candidate>& found) {
+    if (!found.empty()) return;
+    throw Error(ErrorCode::unusable,
+                "The models differ too much in size, or are too flat, to be laid on each other; give both in the same "
+                "unit, or choose another kind of transform.");
+  }
+
   void describe(std::vector<Candidate>& found) {
-    std::erase_if(found, [](const Candidate& c) { return !is_proper(c.map); });
-    require_some(found);
     const AffineMap& map = found[0].map;
     result_.moving_to_fixed = map;
     result_.centre = moving_.centroid;
@@ -259,7 +264,7 @@ class Registering {
                           ? exact_overlap(fixed_model_.spheres, moving_model_.spheres, map, silent())
                           : sampled_overlap(fixed_model_, moving_model_, map, overlap_samples, silent());
     result_.spheres_overlap = exact_overlap(fixed_.spheres, moving_.spheres, map, silent());
-    result_.pairs = match_spheres(fixed_, moving_, map, options_.weights);
+    result_.pairs = match_spheres(fixed_, moving_, map, options_.weights, context_);
     const auto points = point_pairs(fixed_, moving_, result_.pairs);
     result_.residual_rms_mm = rms_residual(map, points);
     for (const SpherePair& p : result_.pairs) {

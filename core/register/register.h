@@ -87,7 +87,9 @@ struct Registration {
 /// rotation is looked for among thousands, by the overlap of k soft balls, and the best `inits` are refined by overlap
 /// and by surfaces, robustly, so that what one model lacks does not pull. A function of models and options alone. Less
 /// than half a second for models of 100,000 spheres, a good part of it independent of the models' size. Throws what
-/// check_registration_options does; unusable for a model without volume. Reports stage "register".
+/// check_registration_options does; unusable for a model without volume, and for models so unlike in size or so flat
+/// that no map between them can be told in numbers: what is returned can be undone and decomposed. 120 bytes a sphere
+/// or cell of either model beside them, and 10 MB. Reports stage "register".
 Registration register_models(const SphereModel& fixed, const SphereModel& moving,
                              const RegistrationOptions& options = {}, const Context& context = {});
 

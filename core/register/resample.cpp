@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/simplify/ball_tree.h"
 
 namespace spherule {
@@ -26,7 +27,9 @@ template <typename F>
 void for_each_sample(const Grid& grid, const Context& context, F&& f) {
   const auto nx = static_cast<std::size_t>(grid.dims[0]), ny = static_cast<std::size_t>(grid.dims[1]);
   parallel_for(context, "resample", static_cast<std::size_t>(grid.dims[2]), 1, [&](std::size_t k, std::size_t) {
+    Poll poll(context);
     for (std::size_t j = 0; j < ny; ++j) {
+      poll(32 * nx);
       for (std::size_t i = 0; i < nx; ++i) {
         f((k * ny + j) * nx + i,
           grid.to_patient({static_cast<double>(i) * grid.spacing.x, static_cast<double>(j) * grid.spacing.y,
@@ -76,7 +79,7 @@ Volume resampled(const Volume& moving, const AffineMap& moving_to_fixed, const G
 
 Volume sampled(const SphereModel& moving, const AffineMap& moving_to_fixed, const Grid& grid, const Context& context) {
   Volume result = empty_volume<std::uint8_t>(grid, VoxelType::uint8, "resampled");
-  const detail::BallTree tree(moving.spheres);
+  const detail::BallTree tree(moving.spheres, context);
   Box box;
   for (const Sphere& ball : moving.spheres) box.include(ball);
   const AffineMap back = inverse(moving_to_fixed);

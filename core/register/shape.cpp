@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/poll.h"
 #include "core/mass.h"
 #include "core/measure.h"
 #include "core/simplify/ball_tree.h"
@@ -17,12 +18,14 @@ namespace spherule {
 namespace {
 
 // Boundary points, each with the direction away from its pole; those without an inside ball are left out.
-void add_boundary(Surface& surface, const SphereModel& model, std::size_t most) {
+void add_boundary(Surface& surface, const SphereModel& model, std::size_t most, const Context& context) {
+  Poll poll(context);
   const Solid& solid = *model.solid;
   const std::vector<LatticePoint>& points = solid.boundary.points;
   constexpr std::uint32_t none = 0xffffffffU;
   std::vector<std::uint32_t> pole(points.size(), none);
   for (std::uint32_t c = 0; c < solid.inside_count; ++c) {
+    poll(8);
     for (const std::uint32_t p : solid.cells[c]) {
       if (pole[p] == none || model.spheres[c].radius > model.spheres[pole[p]].radius) pole[p] = c;
     }
@@ -40,12 +43,15 @@ void add_boundary(Surface& surface, const SphereModel& model, std::size_t most) 
 
 // Fibonacci spirals on the balls, as dense on each, but for what lies in another ball. Where little of a ball is to be
 // seen, one point in the middle of it stands for as many such balls as make up a point's area.
-void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMeasures& whole, std::size_t most) {
-  const detail::BallTree tree(balls);
+void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMeasures& whole, std::size_t most,
+                 const Context& context) {
+  Poll poll(context);
+  const detail::BallTree tree(balls, context);
   const double each = std::max(whole.area_mm2 / static_cast<double>(most), 1e-300);
   double small = 0;
   constexpr double golden = std::numbers::pi * (3 - 2.2360679774997896964);
   for (std::uint32_t b = 0; b < balls.size(); ++b) {
+    poll(4);
     const Sphere& ball = balls[b];
     const BallPart& part = whole.parts[b];
     const double area = 4 * std::numbers::pi * ball.radius * ball.radius, push = norm(part.push_mm2);
@@ -60,6 +66,7 @@ void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMea
     }
     const double count = std::ceil(area / each);
     for (double i = 0; i < count; ++i) {
+      poll(64);
       const double z = 1 - (2 * i + 1) / count, across = std::sqrt(1 - z * z);
       const Vec3 normal{across * std::cos(golden * i), across * std::sin(golden * i), z};
       const Vec3 at = ball.centre + ball.radius * normal;
@@ -118,9 +125,9 @@ Shape shape_of(const SphereModel& model, std::uint32_t k, std::size_t most_point
     }
   }
   if (model.solid) {
-    add_boundary(shape.surface, model, most_points);
+    add_boundary(shape.surface, model, most_points, context);
   } else {
-    add_spheres(shape.surface, model.spheres, whole, most_points);
+    add_spheres(shape.surface, model.spheres, whole, most_points, context);
   }
   shape.surface.tree = detail::PointTree(shape.surface.points);
   return shape;

@@ -180,7 +180,7 @@ AffineMap fit_surfaces(const Surface& fixed, const Surface& moving, const Affine
     const AffineMap unit_step = step_map(options.kind, by);
     const AffineMap next = composed(from_unit, composed(unit_step, composed(to_unit, map)));
     const double grown = scale_of(next);
-    if (!(determinant(next.linear) > 0) || grown < options.min_scale || grown > options.max_scale) return map;
+    if (!is_proper(next) || grown < options.min_scale || grown > options.max_scale) return map;
     map = next;
     const bool settled = by.cwiseAbs().maxCoeff() * options.size_mm < options.settled * spacing;
     if (settled && reach <= now) break;

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "core/base/check.h"
@@ -15,6 +16,28 @@ namespace {
 constexpr double kDegrees = 180 / std::numbers::pi;
 
 Mat3 from_columns(Vec3 a, Vec3 b, Vec3 c) { return transposed({{a, b, c}}); }
+
+// The determinant of a matrix divided by 2^exponent, which leaves its largest element near 1: that of the matrix itself
+// could be too large or too small for a number. Not a number where an element is none.
+struct Sized {
+  double determinant = 0;
+  int exponent = 0;
+};
+Sized sized(const Mat3& m) {
+  double largest = 0;
+  for (const Vec3 row : m.rows) {
+    for (int a = 0; a < 3; ++a) {
+      if (!std::isfinite(row[a])) return {std::numeric_limits<double>::quiet_NaN(), 0};
+      largest = std::max(largest, std::abs(row[a]));
+    }
+  }
+  if (largest == 0) return {};
+  const int exponent = std::ilogb(largest);
+  Mat3 near_one = m;
+  for (Vec3& row : near_one.rows)
+    row = {std::ldexp(row.x, -exponent), std::ldexp(row.y, -exponent), std::ldexp(row.z, -exponent)};
+  return {determinant(near_one), exponent};
+}
 
 }  // namespace
 
@@ -31,11 +54,14 @@ AffineMap inverse(const AffineMap& map) {
 }
 
 bool is_proper(const AffineMap& map) {
-  const double volume = determinant(map.linear);
-  return std::isnormal(volume) && volume > 0 && std::isfinite(map.shift.x + map.shift.y + map.shift.z);
+  const double sum = squared_norm(map.shift);
+  return std::isfinite(sum) && sized(map.linear).determinant > 0;
 }
 
-double scale_of(const AffineMap& map) { return std::cbrt(determinant(map.linear)); }
+double scale_of(const AffineMap& map) {
+  const Sized sized_linear = sized(map.linear);
+  return std::ldexp(std::cbrt(sized_linear.determinant), sized_linear.exponent);
+}
 
 Mat3 rotation(const Quaternion& q) {
   const double xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z;
@@ -91,7 +117,7 @@ Mat3 nearest_rotation(const Mat3& m) {
 }
 
 Decomposition decompose(const AffineMap& map, Vec3 centre) {
-  SPHERULE_CHECK(determinant(map.linear) > 0);
+  SPHERULE_CHECK(is_proper(map));
   const Vec3 a = map.linear.column(0), b = map.linear.column(1), c = map.linear.column(2);
   Decomposition d;
   const Vec3 x = normalised(a);

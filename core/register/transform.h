@@ -26,10 +26,11 @@ Mat3 scaled(double factor, const Mat3& m);
 Mat3 inverse(const Mat3& m);
 AffineMap inverse(const AffineMap& map);
 
-/// Whether space keeps its handedness and three dimensions, in finite numbers: what the functions below can tell of.
+/// Whether a map is finite, can be undone and keeps left and right apart: its determinant, whose size is left out of
+/// account, is positive.
 bool is_proper(const AffineMap& map);
 
-/// The factor by which lengths grow: the cube root of that of volumes. Precondition: determinant > 0.
+/// The factor by which lengths grow: the cube root of that of volumes. Precondition: is_proper.
 double scale_of(const AffineMap& map);
 
 /// A unit quaternion: the rotation by 2 acos(w) about (x, y, z). q and -q are the same rotation.
@@ -61,7 +62,7 @@ struct Decomposition {
 };
 
 /// By the QR decomposition. For a similarity the scales are equal and the shear is 0, to rounding. Precondition:
-/// determinant > 0.
+/// is_proper.
 Decomposition decompose(const AffineMap& map, Vec3 centre);
 /// The inverse of decompose.
 AffineMap composed(const Decomposition& parts);

@@ -33,7 +33,9 @@ std::vector<std::array<std::uint32_t, 4>> sparse_edges(const SphereModel& model,
 
 BallComponents::BallComponents(const SphereModel& model, const Context& context)
     : balls_(model.spheres),
-      tree_(balls_),
+      poll_(context),
+      tree_(balls_, context),
+      untaken_(tree_),
       group_(balls_.size(), 0),
       edges_(sparse_edges(model, tree_, context)),
       search_of_(balls_.size(), kNone) {}
@@ -72,6 +74,7 @@ std::uint32_t BallComponents::unite(std::uint32_t a, std::uint32_t b) {
 
 void BallComponents::walk(std::uint32_t search, std::uint32_t group, std::size_t steps) {
   for (; steps > 0 && !searches_[search].todo.empty(); --steps) {
+    poll_(32);
     const std::uint32_t ball = searches_[search].todo.back();
     searches_[search].todo.pop_back();
     visit_edges(ball, [&](std::uint32_t other) {
@@ -101,32 +104,43 @@ std::uint32_t BallComponents::walk_until_one_is_left(std::uint32_t group) {
   return active.empty() ? kNone : active.front();
 }
 
-// Unites the searches whose balls overlap though no edge joins them. A part looks for all that it touches, unless it
-// turns out to be of the main one, which never needs to look.
+// Unites the searches whose balls overlap though no edge joins them. A part looks for all that it touches, and so do
+// all that it finds, until they turn out to be of the main one, which never needs to look. No ball is looked at twice
+// but those of parts that are of the main one: what these took is put back, for others to find the main one by.
 void BallComponents::join_overlapping(std::uint32_t group, std::uint32_t& main) {
   std::vector<std::uint32_t> parts;
   for (std::uint32_t s = 0; s < searches_.size(); ++s) {
     if (parent_[s] == s && s != main) parts.push_back(s);
   }
   std::ranges::stable_sort(parts, {}, [&](std::uint32_t s) { return searches_[s].found.size(); });
-  // Uniting moves the lists.
-  std::vector<std::vector<std::uint32_t>> balls;
-  for (const std::uint32_t part : parts) balls.push_back(searches_[part].found);
-  for (std::size_t p = 0; p < parts.size(); ++p) {
-    const std::uint32_t part = parts[p];
-    for (const std::uint32_t ball : balls[p]) {
-      const bool of_main = root(part) == root(main) || tree_.any_overlapping(balls_[ball], [&](std::uint32_t other) {
-        if (group_[other] != group) return false;
+  std::vector<std::uint8_t> finished(searches_.size(), 0);
+  std::vector<std::uint32_t> todo;
+  for (const std::uint32_t part : parts) {
+    const auto is_main = [&] { return root(part) == root(main); };
+    if (is_main() || finished[root(part)]) continue;
+    const std::size_t taken = untaken_.taken();
+    todo = searches_[root(part)].found;
+    while (!todo.empty() && !is_main()) {
+      const std::uint32_t ball = todo.back();
+      todo.pop_back();
+      poll_(32);
+      untaken_.take_overlapping(balls_[ball], [&](std::uint32_t other) {
+        poll_();
+        if (is_main()) return false;
+        if (group_[other] != group) return true;
         const std::uint32_t met = search_of_[other] == kNone ? root(main) : root(search_of_[other]);
-        if (met == root(part)) return false;
+        if (met == root(part)) return true;
         found_edges_.emplace(ball, other);
         found_edges_.emplace(other, ball);
+        if (met != root(main)) todo.insert(todo.end(), searches_[met].found.begin(), searches_[met].found.end());
         unite(met, root(part));
-        return root(part) == root(main);
+        return !is_main();
       });
-      if (of_main) break;
     }
+    if (is_main()) untaken_.put_back_to(taken);
+    finished[root(part)] = 1;
   }
+  untaken_.put_back_to(0);
   main = root(main);
 }
 

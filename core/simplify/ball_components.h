@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/base/context.h"
+#include "core/base/poll.h"
 #include "core/simplify/ball_tree.h"
 #include "core/spheres.h"
 
@@ -49,7 +50,9 @@ class BallComponents {
   void join_overlapping(std::uint32_t group, std::uint32_t& main);
 
   std::span<const Sphere> balls_;
+  Poll poll_;
   BallTree tree_;
+  Untaken untaken_;  // all, between calls
   std::vector<std::uint32_t> group_;
   std::vector<std::array<std::uint32_t, 4>> edges_;
   std::unordered_multimap<std::uint32_t, std::uint32_t> found_edges_;  // by the tree, both ways

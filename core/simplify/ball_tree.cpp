@@ -2,7 +2,11 @@
 #include "core/simplify/ball_tree.h"
 
 #include <algorithm>
+#include <functional>
+#include <limits>
 #include <utility>
+
+#include "core/base/poll.h"
 
 namespace spherule::detail {
 
@@ -19,34 +23,39 @@ std::uint64_t spread(std::uint64_t x) {
 
 }  // namespace
 
-BallTree::BallTree(std::span<const Sphere> balls) : balls_(balls) {
+BallTree::BallTree(std::span<const Sphere> balls, const Context& context) : balls_(balls) {
+  Poll poll(context);
   Box box;
-  for (const Sphere& ball : balls) box.include(ball.centre);
+  for (const Sphere& ball : balls) poll(), box.include(ball.centre);
   double edge = 0;
   for (int a = 0; a < 3; ++a) edge = std::max(edge, box.max[a] - box.min[a]);
   const double scale = edge > 0 ? 0x1fffff / edge : 0;
   std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(balls.size());
   for (std::uint32_t i = 0; i < balls.size(); ++i) {
+    poll();
     const Vec3 p = scale * (balls[i].centre - box.min);
     keys[i] = {spread(static_cast<std::uint64_t>(p.x)) | spread(static_cast<std::uint64_t>(p.y)) << 1 |
                    spread(static_cast<std::uint64_t>(p.z)) << 2,
                i};
   }
-  std::ranges::sort(keys);
+  std::sort(keys.begin(), keys.end(), Polled(poll, std::less<>()));
   order_.reserve(keys.size());
   for (const auto& [key, i] : keys) order_.push_back(i);
 
   for (std::size_t below = order_.size(); below > 0;) {
     std::vector<Node> nodes((below + kFan - 1) / kFan);
     for (std::size_t i = 0; i < below; ++i) {
+      poll();
       Node& node = nodes[i / kFan];
       if (levels_.empty()) {
         node.centres.include(balls_[order_[i]].centre);
         node.largest = std::max(node.largest, balls_[order_[i]].radius);
+        node.first = std::min(node.first, order_[i]);
       } else {
         node.centres.include(levels_.back()[i].centres.min);
         node.centres.include(levels_.back()[i].centres.max);
         node.largest = std::max(node.largest, levels_.back()[i].largest);
+        node.first = std::min(node.first, levels_.back()[i].first);
       }
     }
     below = nodes.size() > 1 ? nodes.size() : 0;
@@ -59,7 +68,10 @@ std::uint32_t BallTree::nearest_by_power(Vec3 point) const {
   double least = std::numeric_limits<double>::infinity();
   descend(
       levels_.size(), 0,
-      [&](const Node& node) { return distance_squared(node.centres, point) - node.largest * node.largest <= least; },
+      [&](const Node& node) {
+        const double bound = distance_squared(node.centres, point) - node.largest * node.largest;
+        return bound < least || (bound == least && node.first < best);
+      },
       [&](std::uint32_t i) {
         const double power = squared_norm(point - balls_[i].centre) - balls_[i].radius * balls_[i].radius;
         if (power < least || (power == least && i < best)) least = power, best = i;

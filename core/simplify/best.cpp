@@ -8,6 +8,7 @@
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/enclosing.h"
 #include "core/simplify/ball_tree.h"
 #include "core/simplify/cover.h"
@@ -36,7 +37,7 @@ using Balls = std::vector<Sphere>;
 Sphere to_patient(const Grid& grid, const Sphere& ball) { return {grid.to_patient(ball.centre), ball.radius}; }
 
 // A coarser grid of nearly cubic voxels with about `wanted` inside samples, where the object has many more.
-SampledObject working_copy(const SampledObject& object, double fewest, std::size_t k) {
+SampledObject working_copy(const SampledObject& object, double fewest, std::size_t k, const Context& context) {
   const double wanted = std::max(fewest, kSamplesPerSphere * static_cast<double>(k));
   std::array<std::int32_t, 3> steps{1, 1, 1};
   const auto inside = static_cast<double>(object.inside.count());
@@ -49,7 +50,7 @@ SampledObject working_copy(const SampledObject& object, double fewest, std::size
     }
     ++steps[finest];
   }
-  return subsampled(object, steps);
+  return subsampled(object, steps, context);
 }
 
 // Balls over one object's samples, made better one at a time. Everything in the grid's frame.
@@ -57,10 +58,10 @@ class Refinement {
  public:
   Refinement(const SampledObject& object, Balls balls, const Context& context)
       : context_(context),
-        fit_(object),
+        fit_(object, context),
         balls_(std::move(balls)),
         samples_(static_cast<double>(object.inside.count())) {
-    for (const Sphere& ball : balls_) fit_.add(ball);
+    for (const Sphere& ball : balls_) context_.throw_if_cancelled(), fit_.add(ball);
   }
 
   const Balls& balls() const { return balls_; }
@@ -72,6 +73,11 @@ class Refinement {
     std::vector<std::uint8_t> settled(balls_.size(), 0);
     for (int s = 0; s < most && step >= finest * fit_.voxel(); ++s) {
       std::int64_t gained = 0;
+      // In one sweep no ball's surface moves by more than the root of 3 steps along the axes and one of the radius.
+      const double slack = 3 * step;
+      Balls start = balls_;
+      for (Sphere& ball : start) ball.radius += slack;
+      const detail::BallTree near(start, context_);
       for (std::size_t i = 0; i < balls_.size(); ++i) {
         if (settled[i]) continue;
         context_.throw_if_cancelled();
@@ -83,9 +89,10 @@ class Refinement {
         settled[i] = after == before;
         if (after == before) continue;
         gained += after - before;
-        for (std::size_t j = 0; j < balls_.size(); ++j) {
+        near.any_overlapping({ball.centre, ball.radius + slack}, [&](std::uint32_t j) {
           if (j != i && (detail::overlap(balls_[j], ball) || detail::overlap(balls_[j], balls_[i]))) settled[j] = 0;
-        }
+          return false;
+        });
         balls_[i] = ball;
       }
       if (static_cast<double>(gained) < kLeastGain * samples_) {
@@ -107,7 +114,7 @@ class Refinement {
     std::ranges::sort(worth);
     std::vector<std::pair<std::int64_t, std::size_t>> heap;  // gain when last looked at, candidate from the back
     for (std::size_t c = 0; c < candidates.size(); ++c) {
-      if (c % 64 == 0) context_.throw_if_cancelled();
+      context_.throw_if_cancelled();
       heap.emplace_back(fit_.gain(candidates[c]), candidates.size() - c);
     }
     std::make_heap(heap.begin(), heap.end());
@@ -133,6 +140,7 @@ class Refinement {
   std::size_t best_of(std::span<const Sphere> candidates,
                       std::vector<std::pair<std::int64_t, std::size_t>>& heap) const {
     for (;;) {
+      context_.throw_if_cancelled();
       std::pop_heap(heap.begin(), heap.end());
       const auto at = heap.back().second;
       heap.back().first = fit_.gain(candidates[candidates.size() - at]);
@@ -164,6 +172,7 @@ class Refinement {
     return now;
   }
   bool take_better(const Sphere& moved, Sphere& ball, std::int64_t& now) const {
+    context_.throw_if_cancelled();
     const std::int64_t gain = fit_.gain(moved);
     if (gain <= now) return false;
     now = gain;
@@ -203,11 +212,11 @@ class Best {
     const std::uint32_t wanted =
         options_.k.value_or(std::min<std::uint32_t>(kMostToReach, static_cast<std::uint32_t>(model_.spheres.size())));
     context_.report("best", 0);
-    working_ = working_copy(object_, kFewestSamples, wanted);
+    working_ = working_copy(object_, kFewestSamples, wanted, context_);
     const bool inner = options_.mode == BestOptions::Mode::inner;
-    candidates_ = detail::thinned(detail::poles(model_), wanted);
+    candidates_ = detail::thinned(detail::poles(model_, context_), wanted, context_);
     if (inner) {
-      for (Sphere& c : candidates_) c = cut_to_object(c, object_);
+      for (Sphere& c : candidates_) c = cut_to_object(c, object_, context_);
     }
     if (inner) working_ = object_;
     cover_ = detail::greedy_cover(candidates_, working_, wanted, quiet_);
@@ -261,6 +270,7 @@ class Best {
     Simplification s;
     Balls before;
     for (std::uint32_t i = 0; i < k; ++i) {
+      context_.throw_if_cancelled();
       s.spheres.push_back({.sphere = pick(i),
                            .parent = i == 0 ? no_parent : nearest_by_power(before, pick(i).centre),
                            .from = i + 1,
@@ -303,7 +313,8 @@ class Best {
   Balls refined_from(Balls balls, bool fine, const Context& context) const {
     const auto candidates =
         std::span(local_).first(std::min(local_.size(), std::max<std::size_t>(32 * balls.size(), 512)));
-    const SampledObject rough = working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size());
+    const SampledObject rough =
+        working_copy(object_, fine ? kFewestSamples : 0.25 * kFewestSamples, balls.size(), context);
     const int steps = fine ? rounds(2.5e7, rough, 60, 100) : 30;
     // All at once as long as that helps: a ball of a few samples is too small for it.
     for (int round = 1; round <= 3; ++round) {
@@ -352,8 +363,12 @@ class Best {
     std::uint64_t spilled = 0;
     for (int round = 0; round < 8; ++round) {
       std::vector<Balls> cells(balls.size());
-      const detail::BallTree tree(balls);
-      visit_inside(working_, [&](Vec3 sample) { cells[tree.nearest_by_power(sample)].push_back({sample, 0}); });
+      const detail::BallTree tree(balls, context);
+      Poll poll(context);
+      visit_inside(working_, [&](Vec3 sample) {
+        poll(64);
+        cells[tree.nearest_by_power(sample)].push_back({sample, 0});
+      });
       for (std::size_t i = 0; i < balls.size(); ++i) {
         context.throw_if_cancelled();
         if (!cells[i].empty()) balls[i] = smallest_enclosing_sphere(cells[i]);
@@ -368,9 +383,11 @@ class Best {
     return least;
   }
   Balls grown(Balls balls, const Context& context) const {
-    const detail::BallTree tree(balls);
+    const detail::BallTree tree(balls, context);
     Balls result = balls;
+    Poll poll(context);
     for (const auto& sample : not_covered(balls, object_, context)) {
+      poll(64);
       Sphere& ball = result[tree.nearest_by_power(object_.grid.to_patient(sample_place(object_, sample)))];
       ball.radius = radius_to_reach(ball.centre, ball.radius, sample, object_);
     }
@@ -448,6 +465,7 @@ class Best {
     Balls shown;                        // at the level before
     std::vector<std::uint32_t> places;  // of the shown ones in the result
     const auto add = [&](const Sphere& ball, std::uint32_t from, std::uint32_t to) {
+      context_.throw_if_cancelled();
       const std::uint32_t parent = shown.empty() ? no_parent : places[nearest_by_power(shown, ball.centre)];
       s.spheres.push_back({.sphere = ball, .parent = parent, .from = from, .to = to});
       return static_cast<std::uint32_t>(s.spheres.size() - 1);
@@ -471,7 +489,7 @@ class Best {
   void add_members(Simplification& s) const {
     const std::vector<std::uint32_t> last = shown_at(s, s.last_level());
     const Balls balls = spheres_at(s, s.last_level());
-    const detail::BallTree tree(balls);
+    const detail::BallTree tree(balls, context_);
     std::vector<std::uint32_t> of(model_.spheres.size());
     parallel_for(quiet_, {}, of.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t m = begin; m < end; ++m) of[m] = tree.nearest_by_power(model_.spheres[m].centre);

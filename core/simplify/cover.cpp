@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <unordered_map>
 
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/simplify/rows.h"
 
 namespace spherule::detail {
@@ -67,9 +69,10 @@ class Uncovered {
  public:
   explicit Uncovered(const SampledObject& object) : spacing_(object.grid.spacing), bits_(object.inside) {}
 
-  std::uint64_t in(const Sphere& ball) const {
+  std::uint64_t in(const Sphere& ball, Poll& poll) const {
     std::uint64_t count = 0;
     visit_rows(spacing_, ball, window(), [&](std::int32_t j, std::int32_t k, Run run) {
+      poll(2);
       const auto row = bits_.row(j, k);
       visit_words(static_cast<std::size_t>(run.begin), static_cast<std::size_t>(run.end),
                   [&](std::size_t w, std::uint64_t mask) {
@@ -109,17 +112,19 @@ Cover greedy_cover(std::span<const Sphere> candidates, const SampledObject& obje
   Uncovered uncovered(object);
   std::vector<Entry> heap(balls.size());
   parallel_for(context, {}, balls.size(), 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) heap[i] = {uncovered.in(balls[i]), static_cast<std::uint32_t>(i)};
+    Poll poll(context);
+    for (std::size_t i = begin; i < end; ++i) heap[i] = {uncovered.in(balls[i], poll), static_cast<std::uint32_t>(i)};
   });
   std::make_heap(heap.begin(), heap.end());
 
   Cover cover;
   std::uint64_t covered = 0;
+  Poll poll(context);
   while (!heap.empty() && cover.order.size() < k) {
-    context.throw_if_cancelled();
+    poll(16);
     std::pop_heap(heap.begin(), heap.end());
     Entry& last = heap.back();
-    last.gain = uncovered.in(balls[last.candidate]);
+    last.gain = uncovered.in(balls[last.candidate], poll);
     if (last.gain == 0) {
       heap.pop_back();
     } else if (heap.size() > 1 && last < heap.front()) {
@@ -135,7 +140,8 @@ Cover greedy_cover(std::span<const Sphere> candidates, const SampledObject& obje
   // Submodularity: any k candidates cover at most what is covered and, each, what it would still add.
   std::vector<std::uint64_t> gains(heap.size());
   parallel_for(context, {}, heap.size(), 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) gains[i] = uncovered.in(balls[heap[i].candidate]);
+    Poll adding(context);
+    for (std::size_t i = begin; i < end; ++i) gains[i] = uncovered.in(balls[heap[i].candidate], adding);
   });
   std::ranges::sort(gains, std::greater<>());
   gains.resize(std::min(gains.size(), cover.order.size()));
@@ -145,13 +151,16 @@ Cover greedy_cover(std::span<const Sphere> candidates, const SampledObject& obje
   return cover;
 }
 
-std::vector<Sphere> thinned(std::vector<Sphere> balls, std::size_t k) {
+std::vector<Sphere> thinned(std::vector<Sphere> balls, std::size_t k, const Context& context) {
+  Poll poll(context);
   std::erase_if(balls, [](const Sphere& ball) { return !(ball.radius > 0); });
-  std::ranges::stable_sort(balls, std::greater<>(), &Sphere::radius);
+  std::stable_sort(balls.begin(), balls.end(),
+                   Polled(poll, [](const Sphere& a, const Sphere& b) { return a.radius > b.radius; }));
   const std::size_t most = std::max(kPerSphere * k, kFewest);
   std::vector<Sphere> kept;
   Places places(balls);
   for (std::uint32_t i = 0; i < balls.size() && kept.size() < most; ++i) {
+    poll(512);
     if (places.has_close(balls[i])) continue;
     places.put(i);
     kept.push_back(balls[i]);
@@ -159,16 +168,18 @@ std::vector<Sphere> thinned(std::vector<Sphere> balls, std::size_t k) {
   return kept.size() < 4 * k ? balls : kept;
 }
 
-std::vector<Sphere> poles(const SphereModel& model) {
+std::vector<Sphere> poles(const SphereModel& model, const Context& context) {
   if (!model.solid) return model.spheres;
   const Solid& solid = *model.solid;
   std::vector<std::uint32_t> pole(solid.boundary.points.size(), no_cell);
+  Poll poll(context);
   for (std::uint32_t c = 0; c < solid.inside_count; ++c) {
+    poll(8);
     for (const std::uint32_t v : solid.cells[c]) {
       if (pole[v] == no_cell || model.spheres[c].radius > model.spheres[pole[v]].radius) pole[v] = c;
     }
   }
-  std::ranges::sort(pole);
+  std::sort(pole.begin(), pole.end(), Polled(poll, std::less<>()));
   pole.erase(std::ranges::unique(pole).begin(), pole.end());
   std::vector<Sphere> balls;
   for (const std::uint32_t c : pole) {

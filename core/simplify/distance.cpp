@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 
 namespace spherule::detail {
 
@@ -62,13 +63,16 @@ std::vector<float> squared_distances(const SampleBits& set, Vec3 spacing, const 
   std::vector<float> squared(nx * ny * nz);
   parallel_for(context, {}, nz, 1, [&](std::size_t k, std::size_t) {
     Envelope row(nx), column(ny);
+    Poll poll(context);
     for (std::size_t j = 0; j < ny; ++j) {
+      poll(4 * nx);
       const auto bits = set.row(static_cast<std::int32_t>(j), static_cast<std::int32_t>(k));
       for (std::size_t i = 0; i < nx; ++i) row.f[i] = bits[i / 64] >> (i % 64) & 1 ? 0 : kInfinite;
       row.transform(spacing.x);
       for (std::size_t i = 0; i < nx; ++i) squared[(k * ny + j) * nx + i] = static_cast<float>(row.f[i]);
     }
     for (std::size_t i = 0; i < nx; ++i) {
+      poll(4 * ny);
       for (std::size_t j = 0; j < ny; ++j) column.f[j] = squared[(k * ny + j) * nx + i];
       column.transform(spacing.y);
       for (std::size_t j = 0; j < ny; ++j) squared[(k * ny + j) * nx + i] = static_cast<float>(column.f[j]);
@@ -76,7 +80,9 @@ std::vector<float> squared_distances(const SampleBits& set, Vec3 spacing, const 
   });
   parallel_for(context, {}, ny, 1, [&](std::size_t j, std::size_t) {
     Envelope column(nz);
+    Poll poll(context);
     for (std::size_t i = 0; i < nx; ++i) {
+      poll(4 * nz);
       for (std::size_t k = 0; k < nz; ++k) column.f[k] = squared[(k * ny + j) * nx + i];
       column.transform(spacing.z);
       for (std::size_t k = 0; k < nz; ++k) squared[(k * ny + j) * nx + i] = static_cast<float>(column.f[k]);

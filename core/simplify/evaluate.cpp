@@ -5,8 +5,11 @@
 #include <bit>
 #include <cmath>
 
+#include "core/base/poll.h"
+#include "core/base/progress.h"
 #include "core/power.h"
 #include "core/simplify/distance.h"
+#include "core/simplify/frame.h"
 #include "core/simplify/rows.h"
 #include "core/union.h"
 
@@ -21,10 +24,12 @@ constexpr double kMostSamples = 0x1p27;
 double samples_of(const Window& window) { return double(window.size(0)) * window.size(1) * window.size(2); }
 
 // The object's samples over a window of the extended grid.
-SampleBits within(const SampledObject& object, const Window& window) {
+SampleBits within(const SampledObject& object, const Window& window, const Context& context) {
+  Poll poll(context);
   SampleBits bits({window.size(0), window.size(1), window.size(2)});
   for (std::int32_t k = std::max(window.begin[2], 0); k < std::min(window.end[2], object.grid.dims[2]); ++k) {
     for (std::int32_t j = std::max(window.begin[1], 0); j < std::min(window.end[1], object.grid.dims[1]); ++j) {
+      poll(static_cast<std::uint64_t>(window.size(0)));
       const auto row = bits.row(j - window.begin[1], k - window.begin[2]);
       for (std::int32_t i = std::max(window.begin[0], 0); i < std::min(window.end[0], object.grid.dims[0]); ++i) {
         const auto at = static_cast<std::size_t>(i - window.begin[0]);
@@ -41,8 +46,10 @@ double farthest(const SampleBits& from, const SampleBits& to, Vec3 spacing, cons
   const auto [nx, ny, nz] = from.dims();
   float most = 0;
   std::size_t row_start = 0;
+  Poll poll(context);
   for (std::int32_t k = 0; k < nz; ++k) {
     for (std::int32_t j = 0; j < ny; ++j, row_start += static_cast<std::size_t>(nx)) {
+      poll(static_cast<std::uint64_t>(nx));
       const auto row = from.row(j, k);
       for (std::size_t w = 0; w < row.size(); ++w) {
         for (std::uint64_t bits = row[w]; bits != 0; bits &= bits - 1) {
@@ -54,30 +61,12 @@ double farthest(const SampleBits& from, const SampleBits& to, Vec3 spacing, cons
   return std::sqrt(static_cast<double>(most));
 }
 
-// Of the object's inside samples.
-Window window_of(const SampledObject& object) {
-  Window window{object.grid.dims, {0, 0, 0}};
-  for (std::int32_t k = 0; k < object.grid.dims[2]; ++k) {
-    for (std::int32_t j = 0; j < object.grid.dims[1]; ++j) {
-      for (std::int32_t i = 0; i < object.grid.dims[0]; ++i) {
-        if (!object.inside.test(i, j, k)) continue;
-        const std::array<std::int32_t, 3> s{i, j, k};
-        for (std::size_t a = 0; a < 3; ++a) {
-          window.begin[a] = std::min(window.begin[a], s[a]);
-          window.end[a] = std::max(window.end[a], s[a] + 1);
-        }
-      }
-    }
-  }
-  return window;
-}
-
 std::optional<Achieved::Hausdorff> hausdorff(std::span<const Sphere> balls, const SampledObject& full,
                                              const Context& context) {
   SampledObject object = full;
   std::vector<Sphere> local;
   for (const Sphere& ball : balls) local.push_back(detail::to_grid(object.grid, ball));
-  Window of_object = window_of(object), window;
+  Window of_object = detail::window_of(object.inside), window;
   const auto both = [&] {
     Window box = detail::window_of(object.grid.spacing, local);
     for (std::size_t a = 0; a < 3; ++a) {
@@ -91,10 +80,10 @@ std::optional<Achieved::Hausdorff> hausdorff(std::span<const Sphere> balls, cons
     return box;
   };
   for (window = both(); samples_of(window) > kMostSamples; window = both()) {
-    object = subsampled(object, {2, 2, 2});
-    of_object = window_of(object);
+    object = subsampled(object, {2, 2, 2}, context);
+    of_object = detail::window_of(object.inside);
   }
-  const SampleBits in_object = within(object, window);
+  const SampleBits in_object = within(object, window, context);
   const SampleBits in_balls = detail::held_samples(local, object.grid.spacing, window, context);
   if (in_balls.count() == 0 || in_object.count() == 0) return std::nullopt;
   Achieved::Hausdorff result;
@@ -117,7 +106,9 @@ Reference reference_of(const SphereModel& model, const Context& context) {
 }
 
 Achieved evaluate(std::span<const Sphere> balls, const SampledObject& object, const Reference& reference,
-                  const Context& context) {
+                  const Context& whole) {
+  const Context context = quiet(whole);
+  whole.report("evaluate", 0);
   Achieved a;
   a.spheres = balls.size();
   const Overlap overlap = measure_overlap(balls, object, context);
@@ -127,14 +118,17 @@ Achieved evaluate(std::span<const Sphere> balls, const SampledObject& object, co
   a.spilled_mm3 = static_cast<double>(overlap.spilled) * object.sample_mm3();
   a.never_spills = overlap.spilled == 0 && never_spills(balls, object, context);
   a.covers_all = overlap.covered == overlap.inside && covers_all(balls, object, context);
+  whole.report("evaluate", 0.3);
   const UnionMeasures measures = measure_union(balls, context);
   a.volume_mm3 = measures.moments.volume;
   a.volume_error = a.volume_mm3 / a.object_mm3 - 1;
   a.area_mm2 = measures.area_mm2;
   a.area_error = reference.area_mm2 > 0 ? a.area_mm2 / reference.area_mm2 - 1 : 0;
+  whole.report("evaluate", 0.5);
   a.hausdorff = hausdorff(balls, object, context);
   a.before = reference.topology;
   a.after = union_topology(balls, context);
+  whole.report("evaluate", 1);
   return a;
 }
 

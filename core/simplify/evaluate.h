@@ -48,7 +48,7 @@ struct Achieved {
 };
 
 /// Precondition: the object has samples. O(samples of the box around object and balls), 5 bytes each: coarser samples
-/// stand in for the Hausdorff distance where the box has more than 2^27.
+/// stand in for the Hausdorff distance where the box has more than 2^27. Reports stage "evaluate".
 Achieved evaluate(std::span<const Sphere> balls, const SampledObject& object, const Reference& reference,
                   const Context& context = {});
 

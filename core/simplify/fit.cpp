@@ -35,7 +35,7 @@ std::uint64_t sum_of_bytes(const std::uint8_t* bytes, std::size_t count) {
 
 }  // namespace
 
-Fit::Fit(const SampledObject& object) : frame_(object), count_(frame_.value.size()) {
+Fit::Fit(const SampledObject& object, const Context& context) : frame_(object, context), count_(frame_.value.size()) {
   for (const std::int8_t value : frame_.value) open_.push_back(static_cast<std::uint8_t>(1 + value));
   open_.resize(open_.size() + sizeof(std::uint64_t), 1);
 }

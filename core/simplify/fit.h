@@ -17,7 +17,7 @@ namespace spherule::detail {
 /// and the balls differ. At most 65,535 balls. 4 bytes a sample; not thread safe while it changes.
 class Fit {
  public:
-  explicit Fit(const SampledObject& object);
+  explicit Fit(const SampledObject& object, const Context& context = {});
 
   double voxel() const { return frame_.voxel; }
 

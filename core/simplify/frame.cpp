@@ -5,13 +5,16 @@
 #include <bit>
 #include <cmath>
 
+#include "core/base/poll.h"
+
 namespace spherule::detail {
 
 namespace {
 
 constexpr std::int32_t kMargin = 12;
 
-// The smallest window with all inside samples; of no size for none.
+}  // namespace
+
 Window window_of(const SampleBits& inside) {
   const auto [nx, ny, nz] = inside.dims();
   Window window{{nx, ny, nz}, {nx, ny, nz}};
@@ -33,9 +36,7 @@ Window window_of(const SampleBits& inside) {
   return window;
 }
 
-}  // namespace
-
-Frame::Frame(const SampledObject& object)
+Frame::Frame(const SampledObject& object, const Context& context)
     : spacing(object.grid.spacing),
       voxel(std::cbrt(object.sample_mm3())),
       window(window_of(object.inside)),
@@ -52,8 +53,10 @@ Frame::Frame(const SampledObject& object)
   value.assign(static_cast<std::size_t>(window.size(0)) * static_cast<std::size_t>(window.size(1)) *
                    static_cast<std::size_t>(window.size(2)),
                -1);
+  Poll poll(context);
   for (std::int32_t k = own.begin[2]; k < own.end[2]; ++k) {
     for (std::int32_t j = own.begin[1]; j < own.end[1]; ++j) {
+      poll(static_cast<std::uint64_t>(own.size(0)));
       for (std::int32_t i = own.begin[0]; i < own.end[0]; ++i) {
         if (object.inside.test(i, j, k)) value[at(i, j, k)] = 1;
       }

@@ -11,9 +11,12 @@
 
 namespace spherule::detail {
 
+/// The smallest window with all inside samples; of no size for none. O(samples / 64).
+Window window_of(const SampleBits& inside);
+
 /// Everything in mm along the grid's axes. A byte a sample.
 struct Frame {
-  explicit Frame(const SampledObject& object);
+  explicit Frame(const SampledObject& object, const Context& context = {});
 
   std::size_t at(std::int32_t i, std::int32_t j, std::int32_t k) const {
     return (static_cast<std::size_t>(k - window.begin[2]) * static_cast<std::size_t>(window.size(1)) +

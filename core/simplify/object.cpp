@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
+#include <string_view>
 
 #include "core/base/check.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/simplify/rows.h"
 
 namespace spherule {
@@ -54,16 +56,19 @@ class SliceBits {
 // Calls visit(k, covered) for every slice of the window, from several threads, where bit i of a covered row is the
 // window's sample i. `balls` in grid mm.
 template <typename Visit>
-void visit_covered(std::span<const Sphere> balls, Vec3 spacing, const Window& window, const Context& context,
-                   Visit&& visit) {
+void visit_covered(std::span<const Sphere> balls, Vec3 spacing, const Window& window, std::string_view stage,
+                   const Context& context, Visit&& visit) {
   const auto slices = static_cast<std::size_t>(window.size(2));
-  parallel_for(context, "overlap", slices, kSlices, [&](std::size_t first, std::size_t last) {
+  parallel_for(context, stage, slices, kSlices, [&](std::size_t first, std::size_t last) {
+    Poll poll(context);
     std::vector<SliceBits> covered(last - first, SliceBits(window));
     Window slab = window;
     slab.begin[2] = window.begin[2] + static_cast<std::int32_t>(first);
     slab.end[2] = window.begin[2] + static_cast<std::int32_t>(last);
     for (const Sphere& ball : balls) {
+      poll(4);
       detail::visit_rows(spacing, ball, slab, [&](std::int32_t j, std::int32_t k, Run run) {
+        poll(4);
         covered[static_cast<std::size_t>(k - slab.begin[2])].set(j, run);
       });
     }
@@ -105,17 +110,19 @@ void count_row(std::span<const std::uint64_t> covered, const SampledObject& obje
 // Calls visit(i, j, k) for every outside sample in the ball (grid mm), also beyond a closed border, until it returns
 // false.
 template <typename Visit>
-void visit_outside(const Sphere& ball, const SampledObject& object, Visit&& visit) {
+void visit_outside(const Sphere& ball, const SampledObject& object, Poll& poll, Visit&& visit) {
   const Grid& grid = object.grid;
   const Window window =
       object.border == Border::open ? whole(grid) : detail::window_of(grid.spacing, std::span(&ball, 1));
   bool more = true;
   detail::visit_rows(grid.spacing, ball, window, [&](std::int32_t j, std::int32_t k, Run run) {
     const bool in_grid = j >= 0 && j < grid.dims[1] && k >= 0 && k < grid.dims[2];
+    poll(4);
     for (std::int64_t begin = run.begin; more && begin < run.end; begin += 64) {
       std::uint64_t outside = in_grid ? ~word_at(object.inside.row(j, k), begin) : ~std::uint64_t{0};
       if (run.end - begin < 64) outside &= ~(~std::uint64_t{0} << (run.end - begin));
       for (; more && outside != 0; outside &= outside - 1) {
+        poll();
         more = visit(static_cast<std::int32_t>(begin) + std::countr_zero(outside), j, k);
       }
     }
@@ -146,7 +153,7 @@ Window detail::window_of(Vec3 spacing, std::span<const Sphere> balls) {
 SampleBits detail::held_samples(std::span<const Sphere> balls, Vec3 spacing, const Window& window,
                                 const Context& context) {
   SampleBits held({window.size(0), window.size(1), window.size(2)});
-  visit_covered(balls, spacing, window, context, [&](std::int32_t k, SliceBits& slice) {
+  visit_covered(balls, spacing, window, {}, context, [&](std::int32_t k, SliceBits& slice) {
     for (std::int32_t j = window.begin[1]; j < window.end[1]; ++j) {
       std::ranges::copy(slice.row(j), held.row(j - window.begin[1], k - window.begin[2]).begin());
     }
@@ -174,7 +181,7 @@ SampledObject sample_union(std::span<const Sphere> balls, const Grid& grid, cons
   return {.grid = grid, .inside = detail::held_samples(in_grid(balls, grid), grid.spacing, whole(grid), context)};
 }
 
-SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps) {
+SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps, const Context& context) {
   SampledObject result{.grid = object.grid, .inside = {}, .border = object.border};
   for (std::size_t a = 0; a < 3; ++a) {
     SPHERULE_CHECK(steps[a] >= 1);
@@ -182,8 +189,10 @@ SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3
     result.grid.spacing[static_cast<int>(a)] *= steps[a];
   }
   result.inside = SampleBits(result.grid.dims);
+  Poll poll(context);
   for (std::int32_t k = 0; k < result.grid.dims[2]; ++k) {
     for (std::int32_t j = 0; j < result.grid.dims[1]; ++j) {
+      poll(static_cast<std::uint64_t>(result.grid.dims[0]));
       const auto row = result.inside.row(j, k);
       for (std::int32_t i = 0; i < result.grid.dims[0]; ++i) {
         if (object.inside.test(i * steps[0], j * steps[1], k * steps[2])) {
@@ -200,7 +209,7 @@ Overlap measure_overlap(std::span<const Sphere> balls, const SampledObject& obje
   const std::vector<Sphere> local = in_grid(balls, object.grid);
   const Window window = detail::window_of(object.grid.spacing, local);
   std::vector<Overlap> slices(static_cast<std::size_t>(window.size(2)));
-  visit_covered(local, object.grid.spacing, window, context, [&](std::int32_t k, SliceBits& slice) {
+  visit_covered(local, object.grid.spacing, window, "overlap", context, [&](std::int32_t k, SliceBits& slice) {
     Overlap& counts = slices[static_cast<std::size_t>(k - window.begin[2])];
     for (std::int32_t j = window.begin[1]; j < window.end[1]; ++j)
       count_row(slice.row(j), object, window, j, k, counts);
@@ -215,10 +224,11 @@ Overlap measure_overlap(std::span<const Sphere> balls, const SampledObject& obje
 bool never_spills(std::span<const Sphere> balls, const SampledObject& object, const Context& context) {
   std::atomic<bool> spills{false};
   parallel_for(context, {}, balls.size(), 64, [&](std::size_t begin, std::size_t end) {
+    Poll poll(context);
     for (std::size_t b = begin; b < end && !spills; ++b) {
       Sphere ball = detail::to_grid(object.grid, balls[b]);
       ball.radius += detail::rounding_bound(object.grid, balls[b]);
-      visit_outside(ball, object, [&](std::int32_t, std::int32_t, std::int32_t) {
+      visit_outside(ball, object, poll, [&](std::int32_t, std::int32_t, std::int32_t) {
         spills = true;
         return false;
       });
@@ -236,7 +246,7 @@ std::vector<std::array<std::int32_t, 3>> not_covered(std::span<const Sphere> bal
     if (local.radius > 0) safe.push_back(local);
   }
   std::vector<std::vector<std::array<std::int32_t, 3>>> missing(static_cast<std::size_t>(object.grid.dims[2]));
-  visit_covered(safe, object.grid.spacing, whole(object.grid), context, [&](std::int32_t k, SliceBits& slice) {
+  visit_covered(safe, object.grid.spacing, whole(object.grid), {}, context, [&](std::int32_t k, SliceBits& slice) {
     for (std::int32_t j = 0; j < object.grid.dims[1]; ++j) {
       const auto have = slice.row(j);
       const auto want = object.inside.row(j, k);
@@ -257,12 +267,13 @@ bool covers_all(std::span<const Sphere> balls, const SampledObject& object, cons
   return not_covered(balls, object, context).empty();
 }
 
-Sphere cut_to_object(const Sphere& ball, const SampledObject& object) {
+Sphere cut_to_object(const Sphere& ball, const SampledObject& object, const Context& context) {
+  Poll poll(context);
   const double bound = detail::rounding_bound(object.grid, ball);
   Sphere local = detail::to_grid(object.grid, ball);
   local.radius += 2 * bound;
   double least = local.radius;
-  visit_outside(local, object, [&](std::int32_t i, std::int32_t j, std::int32_t k) {
+  visit_outside(local, object, poll, [&](std::int32_t i, std::int32_t j, std::int32_t k) {
     least = std::min(least, norm(sample_at(object.grid, i, j, k) - local.centre));
     return true;
   });

@@ -33,7 +33,7 @@ SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples = 
 SampledObject sample_union(std::span<const Sphere> balls, const Grid& grid, const Context& context = {});
 
 /// Every steps[a]-th sample along each axis a, from the first. O(samples).
-SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps);
+SampledObject subsampled(const SampledObject& object, std::array<std::int32_t, 3> steps, const Context& context = {});
 
 /// Numbers of samples in and around a union of balls. A sample on a sphere is in the ball, to rounding.
 struct Overlap {
@@ -44,7 +44,8 @@ struct Overlap {
   double iou() const { return static_cast<double>(covered) / static_cast<double>(inside + spilled); }
 };
 
-/// O(rows of balls); about a bit for each sample of one slice of the box around the balls and a thread.
+/// O(rows of balls); about a bit for each sample of one slice of the box around the balls and a thread. Reports stage
+/// "overlap".
 Overlap measure_overlap(std::span<const Sphere> balls, const SampledObject& object, const Context& context = {});
 
 // Promises that are proven, not sampled: distances are compared with a bound for the rounding of every operation, and
@@ -60,7 +61,7 @@ bool covers_all(std::span<const Sphere> balls, const SampledObject& object, cons
 
 /// The ball with its radius cut to where never_spills holds for it; radius 0 when its centre is on an outside sample.
 /// O(rows of the ball).
-Sphere cut_to_object(const Sphere& ball, const SampledObject& object);
+Sphere cut_to_object(const Sphere& ball, const SampledObject& object, const Context& context = {});
 /// The least radius about `centre`, at least `radius`, with which covers_all holds for a sample at `sample` (indices).
 double radius_to_reach(Vec3 centre, double radius, std::array<std::int32_t, 3> sample, const SampledObject& object);
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/base/poll.h"
+#include "core/base/progress.h"
 #include "core/base/ranges.h"
 #include "core/simplify/levels.h"
 #include "core/simplify/represent.h"
@@ -35,11 +37,13 @@ void require_one_rule(const PruneOptions& options) {
 }
 
 // Indices of all spheres, the largest key first, then by index.
-std::vector<std::uint32_t> descending(std::span<const double> keys) {
+std::vector<std::uint32_t> descending(std::span<const double> keys, const Context& context) {
   std::vector<std::uint32_t> order(keys.size());
   std::iota(order.begin(), order.end(), 0U);
-  std::ranges::sort(order,
-                    [&](std::uint32_t a, std::uint32_t b) { return keys[a] != keys[b] ? keys[a] > keys[b] : a < b; });
+  Poll poll(context);
+  std::sort(order.begin(), order.end(), Polled(poll, [&](std::uint32_t a, std::uint32_t b) {
+              return keys[a] != keys[b] ? keys[a] > keys[b] : a < b;
+            }));
   return order;
 }
 
@@ -51,8 +55,8 @@ std::vector<double> radii(const SphereModel& model) {
 
 std::vector<std::uint32_t> kept(const SphereModel& model, const PruneOptions& options, const Context& context) {
   if (options.volume_share || options.k) {
-    const std::vector<double> shares = volume_shares(model, context);
-    std::vector<std::uint32_t> order = descending(shares);
+    const std::vector<double> shares = volume_shares(model, quiet(context));
+    std::vector<std::uint32_t> order = descending(shares, context);
     std::size_t count = options.k.value_or(0);
     if (options.volume_share) {
       const double wanted = *options.volume_share * std::accumulate(shares.begin(), shares.end(), 0.0);
@@ -61,7 +65,7 @@ std::vector<std::uint32_t> kept(const SphereModel& model, const PruneOptions& op
     order.resize(count);
     return order;
   }
-  std::vector<std::uint32_t> order = descending(radii(model));
+  std::vector<std::uint32_t> order = descending(radii(model), context);
   if (options.least_radius_mm) {
     std::erase_if(order, [&](std::uint32_t i) { return model.spheres[i].radius < *options.least_radius_mm; });
     return order;

@@ -6,6 +6,7 @@
 #include <queue>
 #include <tuple>
 
+#include "core/base/progress.h"
 #include "core/simplify/ball_components.h"
 #include "core/simplify/levels.h"
 
@@ -54,7 +55,7 @@ class Clustering {
         context_(context),
         shares_(options.representative == Representative::enclosing || options.representative == Representative::largest
                     ? std::vector<double>()
-                    : volume_shares(model, context)),
+                    : volume_shares(model, quiet(context))),
         components_(model, context) {}
 
   Simplification run() {

@@ -3,10 +3,13 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <functional>
 #include <numeric>
 #include <queue>
 #include <utility>
 
+#include "core/base/poll.h"
+#include "core/base/progress.h"
 #include "core/simplify/levels.h"
 
 namespace spherule {
@@ -28,12 +31,13 @@ struct Widest {
   }
 };
 
-void find_axis(Cluster& cluster, std::span<const Sphere> balls, std::span<const std::uint32_t> members) {
+void find_axis(Cluster& cluster, std::span<const Sphere> balls, std::span<const std::uint32_t> members, Poll& poll) {
   // Measured from one member, so that an object far from the origin loses no digits.
   const Vec3 origin = balls[members[0]].centre;
   Vec3 sum;
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
   for (const std::uint32_t m : members) {
+    poll(2);
     const Vec3 p = balls[m].centre - origin;
     sum = sum + p;
     xx += p.x * p.x, xy += p.x * p.y, xz += p.x * p.z, yy += p.y * p.y, yz += p.y * p.z, zz += p.z * p.z;
@@ -60,16 +64,17 @@ void check_options(const SplittingOptions& options, std::size_t model_count) {
 Simplification split_spheres(const SphereModel& model, const SplittingOptions& options, const Context& context) {
   const std::span<const Sphere> balls = model.spheres;
   check_options(options, balls.size());
-  const std::vector<double> shares = volume_shares(model, context);
+  const std::vector<double> shares = volume_shares(model, quiet(context));
   std::vector<std::uint32_t> order(balls.size());
   std::iota(order.begin(), order.end(), 0U);
 
   Simplification result;
+  Poll poll(context);
   std::priority_queue<Cluster, std::vector<Cluster>, Widest> clusters;
   const auto add = [&](std::uint32_t begin, std::uint32_t end, std::uint32_t parent, std::uint32_t level) {
     const auto members = std::span<const std::uint32_t>(order).subspan(begin, end - begin);
     Cluster cluster{.begin = begin, .end = end, .node = static_cast<std::uint32_t>(result.spheres.size())};
-    find_axis(cluster, balls, members);
+    find_axis(cluster, balls, members, poll);
     result.spheres.push_back(
         {.sphere = represent(options.representative, balls, shares, members), .parent = parent, .from = level});
     clusters.push(cluster);
@@ -78,15 +83,13 @@ Simplification split_spheres(const SphereModel& model, const SplittingOptions& o
 
   std::vector<std::pair<double, std::uint32_t>> keys;  // along the axis, from the mean; then the index, for ties
   for (std::uint32_t count = 1; count < options.k; ++count) {
-    if (count % 16 == 1) {
-      context.throw_if_cancelled();
-      context.report("splitting", static_cast<double>(count) / options.k);
-    }
+    if (count % 16 == 1) context.report("splitting", static_cast<double>(count) / options.k);
     const Cluster widest = clusters.top();
     clusters.pop();
     result.spheres[widest.node].to = count;
     keys.clear();
     for (std::uint32_t p = widest.begin; p < widest.end; ++p) {
+      poll(4);
       keys.emplace_back(dot(balls[order[p]].centre - widest.mean, widest.axis), order[p]);
     }
     auto middle = keys.begin();
@@ -95,7 +98,7 @@ Simplification split_spheres(const SphereModel& model, const SplittingOptions& o
     }
     if (middle == keys.begin() || middle == keys.end()) {
       middle = keys.begin() + static_cast<std::ptrdiff_t>(keys.size() / 2);
-      std::nth_element(keys.begin(), middle, keys.end());
+      std::nth_element(keys.begin(), middle, keys.end(), Polled(poll, std::less<>()));
     }
     for (std::size_t i = 0; i < keys.size(); ++i) order[widest.begin + i] = keys[i].second;
     const auto cut = widest.begin + static_cast<std::uint32_t>(middle - keys.begin());

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/simplify/frame.h"
 
 namespace spherule::detail {
@@ -24,7 +25,8 @@ using Gradient = std::array<double, 4>;  // by the centre, by the radius
 
 class SoftBalls {
  public:
-  explicit SoftBalls(const SampledObject& object) : frame_(object), left_(frame_.value.size()) {}
+  SoftBalls(const SampledObject& object, const Context& context)
+      : frame_(object, context), left_(frame_.value.size()) {}
 
   double voxel() const { return frame_.voxel; }
 
@@ -33,7 +35,7 @@ class SoftBalls {
     lay(balls, soft, context);
     std::vector<Gradient> result(balls.size());
     parallel_for(context, {}, balls.size(), 1,
-                 [&](std::size_t begin, std::size_t) { result[begin] = gradient(balls[begin], soft); });
+                 [&](std::size_t begin, std::size_t) { result[begin] = gradient(balls[begin], soft, context); });
     return result;
   }
 
@@ -67,9 +69,12 @@ class SoftBalls {
       std::fill(left_.begin() + static_cast<std::ptrdiff_t>(frame_.at(slab.begin[0], slab.begin[1], slab.begin[2])),
                 left_.begin() + static_cast<std::ptrdiff_t>(frame_.at(slab.begin[0], slab.begin[1], slab.end[2])),
                 1.0F);
+      Poll poll(context);
       for (const Sphere& ball : balls) {
+        poll(16);
         const auto per_soft = static_cast<float>(0.5 / soft), r = static_cast<float>(ball.radius);
         visit_soft_rows(ball, soft, slab, [&](std::size_t row, double dy, double dz, Run run, Run deep) {
+          poll(16 + static_cast<std::uint64_t>(run.end - run.begin));
           float* left = left_.data() + row;
           const auto across = static_cast<float>(dy * dy + dz * dz), step = static_cast<float>(frame_.spacing.x),
                      x0 = static_cast<float>(ball.centre.x);
@@ -89,10 +94,12 @@ class SoftBalls {
     });
   }
 
-  Gradient gradient(const Sphere& ball, double soft) const {
+  Gradient gradient(const Sphere& ball, double soft, const Context& context) const {
+    Poll poll(context);
     Gradient sum{0, 0, 0, 0};
     const auto per_soft = static_cast<float>(0.5 / soft), r = static_cast<float>(ball.radius);
     visit_soft_rows(ball, soft, frame_.window, [&](std::size_t row, double dy, double dz, Run run, Run deep) {
+      poll(16 + static_cast<std::uint64_t>(run.end - run.begin));
       const float* left = left_.data() + row;
       const std::int8_t* value = frame_.value.data() + row;
       const auto across = static_cast<float>(dy * dy + dz * dz), step = static_cast<float>(frame_.spacing.x),
@@ -131,7 +138,7 @@ class SoftBalls {
 
 std::vector<Sphere> moved_together(std::vector<Sphere> balls, const SampledObject& object, int steps,
                                    const Context& context) {
-  SoftBalls soft_balls(object);
+  SoftBalls soft_balls(object, context);
   const double voxel = soft_balls.voxel();
   std::vector<Gradient> mean(balls.size()), square(balls.size());
   double mean_missing = 1, square_missing = 1;  // of the averages' weight, as they begin at 0
