@@ -155,7 +155,8 @@ std::string slice(Store& store, const Resource& resource, const api::SliceReques
   Window window;
   if (wanted.options.image) window = wanted.options.window ? *wanted.options.window : usual_window(volume, context);
   SlicePicture picture = draw_slice(plane, wanted.axis, wanted.index, object, window, wanted.options, context);
-  if (wanted.format == api::FigureFormat::svg) return to_svg(picture.drawing, encode_png(picture.image, context), context);
+  if (wanted.format == api::FigureFormat::svg)
+    return to_svg(picture.drawing, encode_png(picture.image, context), context);
   paint(picture.drawing, picture.image, context);
   return encode_png(picture.image, context);
 }

@@ -37,13 +37,16 @@ std::uint64_t to_write(Store& store, const api::DerivedRequest& request, const a
   const auto source = api::model_from(store.root_of(model).document).source;
   const std::uint64_t spheres = request.level > 0 ? request.level : info.spheres;
   check_exportable(file.format, spheres, source.has_value(), file.options);
-  std::optional<Grid> scan;
-  if (file.format == FileFormat::nifti && source) scan = volume_info(store, source->volume).grid;
   const ModelSize size = size_of(store, model);
-  // A mask of a scan's own object is made from its samples.
-  const bool reads = file.format == FileFormat::nifti && size.raw() && size.scan && !file.options.voxel_mm;
-  return (needs_union(file.format) ? memory_to_measure_parts(size) : size.loaded()) +
-         (reads ? memory_to_count(*size.scan) : 0) + memory_to_write(file, spheres, info.bounds, scan);
+  std::optional<Grid> scan;
+  std::uint64_t samples = 0;
+  if (file.format == FileFormat::nifti && source) {
+    const api::VolumeInfo volume = volume_info(store, source->volume);
+    scan = volume.grid;
+    if (size.cells > 0 && !file.options.voxel_mm) samples = memory_to_count(server::size_of(volume));
+  }
+  return samples + (needs_union(file.format) ? memory_to_measure_parts(size) : size.loaded()) +
+         memory_to_write(file, spheres, info.bounds, scan);
 }
 
 std::uint64_t to_list(Store& store, const Resource& model, const api::ExportRequest& wanted) {

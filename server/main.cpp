@@ -17,7 +17,6 @@
 #include <string>
 #include <thread>
 
-
 #include "api/cors.h"
 #include "api/routes.h"
 #include "core/base/error.h"

@@ -43,7 +43,8 @@ struct FileOptions {
   BodyOrigin origin = BodyOrigin::frame;  ///< bodies: all of these
   GlbOptions glb{};                       ///< as `style` and `detail`
   /// vdb: absent is 1/256 of the longest side of the spheres' box, but not below min_level_set_voxel_mm. nifti: the
-  /// mask is on a grid of such voxels around the spheres, along LPS; absent: on the scan's own. Within ranges::voxel_mm.
+  /// mask is on a grid of such voxels around the spheres, along LPS; absent: on the scan's own. Within
+  /// ranges::voxel_mm.
   std::optional<double> voxel_mm{};
 };
 

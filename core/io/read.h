@@ -38,7 +38,7 @@ struct RawLayout {
 struct ReadOptions {
   std::optional<RawLayout> raw{};  ///< set: the bytes have no header and this describes them
   std::optional<int> frame{};      ///< which volume of a 4-D file, from 0; without it a file of several is refused
-  std::string grid{};              ///< OpenVDB: name of the grid; empty: the first scalar one
+  std::string grid{};              ///< OpenVDB: name of the grid; empty: the first scalar one with active voxels
   ReadLimits limits{};
 };
 

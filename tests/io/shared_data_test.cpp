@@ -125,6 +125,24 @@ TEST_F(SharedData, LabelMapsHaveTheCountsOfTheirReadme) {
   }
 }
 
+Vec3 last_place(const Volume& volume) {
+  const Grid& g = volume.grid;
+  return g.to_patient({(g.dims[0] - 1) * g.spacing.x, (g.dims[1] - 1) * g.spacing.y, (g.dims[2] - 1) * g.spacing.z});
+}
+
+// After reports of users of other programs; counts by OpenVDB itself.
+TEST_F(SharedData, OpenVdbFilesFromTheFieldAreRead) {
+  EXPECT_EQ(at_least(read({"field/09-stream.vdb"}), 2), 2109U);
+  const Volume moved = read({"field/10-instanced.vdb"}, {.grid = "density_moved"});
+  EXPECT_EQ(at_least(moved, 2), 2109U);
+  const Volume after_empty = read({"field/10-empty-first.vdb"});
+  EXPECT_EQ(at_least(after_empty, 1), 515U);
+  EXPECT_TRUE(warns(after_empty, "the first one with active voxels"));
+  const Vec3 last = last_place(moved);  // with the layer around
+  expect_near(last, {104.5, 4.5, 4.5}, 1);
+  expect_refused_cheaply(paths({"field/16-sparse.vdb"}), ErrorCode::too_large);
+}
+
 TEST_F(SharedData, TheSameScanIsTheSameInEveryFormat) {
   const Volume raw = read({"engine.raw"}, {.raw = engine()});
   EXPECT_EQ(raw.voxels, read({"engine.nii.gz"}).voxels);

@@ -236,9 +236,9 @@ TEST(Multipart, RefusesWhatIsNoForm) {
   const std::string type = "multipart/form-data; boundary=b",
                     head = "--b\r\nContent-Disposition: form-data; name=\"f\"\r\n";
   for (const std::string& bad :
-       {std::string(10'000, '-'), std::string("--bx\r\n"), std::string("--b\r\n\r\nx"), std::string("--b\r\nno field\r\n\r\n"),
-        head + "A : b\r\n\r\n", head + " folded\r\n\r\n", "--b\r\nA: " + std::string(10'000, 'x'),
-        "--b" + std::string(10'000, ' '),
+       {std::string(10'000, '-'), std::string("--bx\r\n"), std::string("--b\r\n\r\nx"),
+        std::string("--b\r\nno field\r\n\r\n"), head + "A : b\r\n\r\n", head + " folded\r\n\r\n",
+        "--b\r\nA: " + std::string(10'000, 'x'), "--b" + std::string(10'000, ' '),
         head + "\r\nx\r\n--b-"
                "x"}) {
     for (const std::size_t piece : {std::size_t{1}, bad.size()}) {
