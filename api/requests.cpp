@@ -345,7 +345,7 @@ std::vector<Label> labels_of(std::string_view text) {
 }
 
 // Numbers, or strings of digits, which keep what a client's floating numbers would round. None unless all are right.
-std::vector<Label> labels_of(const Json& array) {
+std::vector<Label> labels_in(const Json& array) {
   std::vector<Label> labels;
   if (!array.is_array() || array.size() > 65536) return {};
   for (const Json& j : array) {
@@ -513,7 +513,7 @@ ModelWish model_wish(std::string_view text) {
     } else if (key == "labels") {
       ++objects;
       wish.rule.kind = ObjectRule::Kind::labels;
-      wish.rule.labels = labels_of(value);
+      wish.rule.labels = labels_in(value);
       if (wish.rule.labels.empty()) {
         errors.push_back({"/labels", "Give an array of whole numbers from -2^63 to 2^64 - 1, large ones as strings."});
       }

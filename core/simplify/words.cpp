@@ -7,6 +7,7 @@
 #include <cmath>
 #include <string>
 
+#include "core/base/ranges.h"
 #include "core/simplify/simplify.h"
 
 namespace spherule {
@@ -49,28 +50,23 @@ class Given {
  public:
   explicit Given(const OptionTexts& texts) : texts_(texts), taken_(texts.size(), false) {}
 
-  void take(std::string_view name, double& value) {
-    if (const auto text = find(name)) {
-      const auto number = number_in<double>(*text);
-      if (number && std::isfinite(*number)) {
-        value = *number;
-      } else {
-        refuse(name, "Give a number.");
-      }
-    }
+  void take(std::string_view name, const ranges::Real& range, double& value) {
+    const auto text = find(name);
+    if (!text) return;
+    const auto number = number_in<double>(*text);
+    if (!number || !range.holds(*number)) return refuse(name, "Give a number " + range.words() + ".");
+    value = *number;
   }
-  void take(std::string_view name, std::uint32_t& value) {
-    if (const auto text = find(name)) {
-      if (const auto number = number_in<std::uint32_t>(*text)) {
-        value = *number;
-      } else {
-        refuse(name, "Give a whole number, 1 or more.");
-      }
-    }
+  void take(std::string_view name, const ranges::Whole& range, std::uint32_t& value) {
+    const auto text = find(name);
+    if (!text) return;
+    const auto number = number_in<std::uint32_t>(*text);
+    if (!number || !range.holds(*number)) return refuse(name, "Give a whole number " + range.words() + ".");
+    value = *number;
   }
-  template <typename T>
-  void take(std::string_view name, std::optional<T>& value) {
-    if (has(name)) take(name, value.emplace());
+  template <typename Range, typename T>
+  void take(std::string_view name, const Range& range, std::optional<T>& value) {
+    if (has(name)) take(name, range, value.emplace());
   }
   void take(std::string_view name, std::vector<std::uint32_t>& values) {
     const auto text = find(name);
@@ -78,7 +74,8 @@ class Given {
     for (std::string_view rest = *text;;) {
       const std::size_t end = std::min(rest.find(','), rest.size());
       const auto number = number_in<std::uint32_t>(rest.substr(0, end));
-      if (!number) return refuse(name, "Give numbers of buckets, counted from 0, at least one.");
+      if (!number || *number >= ranges::buckets.most)
+        return refuse(name, "Give numbers of buckets, counted from 0, at least one.");
       values.push_back(*number);
       if (end == rest.size()) break;
       rest.remove_prefix(end + 1);
@@ -160,26 +157,26 @@ SimplifyMethod parse_method(const OptionTexts& texts) {
   SimplifyMethod method;
   if (name == "sphericity") {
     auto& o = method.emplace<SphericityOptions>();
-    given.take("threshold", o.threshold);
-    given.take("limit", o.limit);
+    given.take("threshold", ranges::share, o.threshold);
+    given.take("limit", ranges::count, o.limit);
     given.take("representative", o.representative);
   } else if (name == "prune") {
     auto& o = method.emplace<PruneOptions>();
-    given.take("least_radius_mm", o.least_radius_mm);
+    given.take("least_radius_mm", ranges::length_mm, o.least_radius_mm);
     given.take("buckets", o.buckets);
-    given.take("bucket_count", o.bucket_count);
+    given.take("bucket_count", ranges::buckets, o.bucket_count);
     if (given.has("bucket_count") && !given.has("buckets")) given.refuse("bucket_count", "This is for buckets.");
-    given.take("volume_share", o.volume_share);
-    given.take("k", o.k);
+    given.take("volume_share", ranges::share, o.volume_share);
+    given.take("k", ranges::count, o.k);
   } else if (name == "best") {
     auto& o = method.emplace<BestOptions>();
     given.take("mode", o.mode);
-    given.take("k", o.k);
-    given.take("iou", o.iou);
+    given.take("k", ranges::best_count, o.k);
+    given.take("iou", ranges::share, o.iou);
   } else {
     auto& o = method.emplace<SplittingOptions>();
     o.at = name == "median" ? SplittingOptions::At::median : SplittingOptions::At::average;
-    given.take("k", o.k);
+    given.take("k", ranges::count, o.k);
     given.take("representative", o.representative);
   }
   given.done(name);

@@ -575,7 +575,11 @@ struct Connections::State {
       work.wait(lock, [&] { return next_queue() != nullptr || (stopping && waiting() == 0); });
       --resting;
       Waiting* const queue = next_queue();
-      if (queue == nullptr) return;
+      if (queue == nullptr) {
+        // Others may have waited for what this one was the last to take up.
+        work.notify_all();
+        return;
+      }
       const bool health = queue == &urgent;
       std::unique_ptr<Connection> connection = std::move(queue->front());
       queue->pop_front();
@@ -588,11 +592,15 @@ struct Connections::State {
       answered.erase(current);
       if (!health) --ordinary;
       lock.unlock();
-      if (next == Next::close) {
-        close_gently(std::move(connection));
-      } else if (next != Next::broken) {
-        // What has come meanwhile must be looked for: TLS may have it already, so that the socket stays silent.
-        go_on(std::move(connection), next == Next::body ? Phase::body : Phase::drop, {});
+      try {
+        if (next == Next::close) {
+          close_gently(std::move(connection));
+        } else if (next != Next::broken) {
+          // What has come meanwhile must be looked for: TLS may have it already, so that the socket stays silent.
+          go_on(std::move(connection), next == Next::body ? Phase::body : Phase::drop, {});
+        }
+      } catch (const std::bad_alloc&) {
+        // The connection is gone; the others go on.
       }
       connection.reset();
       lock.lock();

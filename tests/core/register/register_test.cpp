@@ -232,46 +232,6 @@ TEST(Register, BadOptionsAndModelsAreRefused) {
   EXPECT_NEAR(r.overlap.dice, 1, 1e-3);
 }
 
-// Of models as large and as small as spheres may be, flat ones and lone ones: a transform that can be told, or a
-// sentence.
-TEST(Register, OddSetsGiveATransformOrASentence) {
-  phantoms::Random random(5);
-  const auto cloud = [&](double size, double radius, Vec3 flat, int n) {
-    SphereModel model;
-    for (int i = 0; i < n; ++i)
-      model.spheres.push_back(
-          {{size * flat.x * random.unit(), size * flat.y * random.unit(), size * flat.z * random.unit()},
-           radius * (0.5 + random.unit())});
-    return model;
-  };
-  std::vector<SphereModel> models;
-  for (const double size : {1e-17, 1.0, 1e9})
-    for (const double radius : {1e-18, 1.0, 1e9})
-      if (radius <= size || size == 1) models.push_back(cloud(size, radius, {1, 1, 1}, 12));
-  models.push_back(cloud(10, 1e-6, {1, 1, 0}, 9));
-  models.push_back(cloud(10, 1e-12, {1, 0, 0}, 9));
-  models.push_back(cloud(10, 1, {0, 0, 0}, 5));
-  models.push_back(cloud(1, 1, {1, 1, 1}, 1));
-  int told = 0;
-  for (const auto kind : {TransformKind::rigid, TransformKind::similarity, TransformKind::affine})
-    for (const auto method : {RegistrationMethod::global, RegistrationMethod::matching})
-      for (std::size_t i = 0; i < models.size(); ++i) {
-        const SphereModel& fixed = models[i];
-        const SphereModel& moving = models[(i * 5 + 3) % models.size()];
-        const RegistrationOptions options{
-            .transform = kind, .method = method, .k = 4, .inits = 2, .min_scale = 1e-9, .max_scale = 1e9};
-        try {
-          const Registration r = register_models(fixed, moving, options);
-          const Decomposition parts = decompose(r.moving_to_fixed, r.centre);
-          EXPECT_TRUE(std::isfinite(norm(parts.translation)) && std::isfinite(parts.angle_deg));
-          ++told;
-        } catch (const Error& error) {
-          EXPECT_EQ(error.code(), ErrorCode::unusable) << error.what();
-        }
-      }
-  EXPECT_GT(told, 20);
-}
-
 TEST(Register, StopsWhenAsked) {
   const SphereModel model = poses::raw_model(poses::lopsided(), {}, 4.2, 24);
   std::stop_source stop;
