@@ -13,15 +13,17 @@ namespace spherule::api {
 namespace {
 
 // Changes when pictures do, so that those kept by an older program are drawn anew.
-constexpr int kPictureEdition = 4;
+constexpr int kPictureEdition = 5;
+// Changes with the bytes of tables of spheres: 2 has float64 wherever numbers are binary.
+constexpr int kTableEdition = 2;
 // Changes with what any file for another program holds.
-constexpr int kFileEdition = 1;
+constexpr int kFileEdition = 2;
 
 // Members ascend, which with dump() is the canonical form.
 using Json = nlohmann::json;
 
 // Changes when the document of measures does, so that answers kept by an older program are made anew.
-constexpr int kMeasuresEdition = 3;
+constexpr int kMeasuresEdition = 4;
 
 Json to_json(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
 Vec3 vec_from(const Json& json) { return {json.at(0), json.at(1), json.at(2)}; }
@@ -116,6 +118,7 @@ Json to_json(const DerivedRequest& request) {
   }
   if (const auto* format = std::get_if<ExportRequest>(&request.what)) {
     json["what"] = "export";
+    json["edition"] = kTableEdition;
     json["format"] = name(format->format);
     const SphereListing& listing = format->listing;
     for (const SphereFigure figure : listing.columns) json["columns"].push_back(name(figure));

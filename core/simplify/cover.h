@@ -29,10 +29,10 @@ Cover greedy_cover(std::span<const Sphere> candidates, const SampledObject& obje
 
 /// Candidates for covers of about k balls: those of `balls`, the largest first, that are not close to a larger one kept
 /// (within 0.3 of the radius), up to a few dozen times k; all distinct ones where that leaves too few. O(n log n).
-std::vector<Sphere> thinned(std::vector<Sphere> balls, std::size_t k, const Context& context);
+std::vector<Sphere> thinned(std::vector<Sphere> balls, std::size_t k, const Context& context = {});
 
 /// The inside poles of a raw model, the largest inside ball at every boundary point (N. Amenta, M. Bern, Surface
 /// reconstruction by Voronoi filtering, 1999), each once; all balls of any other model.
-std::vector<Sphere> poles(const SphereModel& model, const Context& context);
+std::vector<Sphere> poles(const SphereModel& model, const Context& context = {});
 
 }  // namespace spherule::detail
