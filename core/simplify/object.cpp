@@ -268,6 +268,7 @@ bool covers_all(std::span<const Sphere> balls, const SampledObject& object, cons
 }
 
 Sphere cut_to_object(const Sphere& ball, const SampledObject& object, const Context& context) {
+  context.throw_if_cancelled();  // it is called for thousands of balls, each of them short
   Poll poll(context);
   const double bound = detail::rounding_bound(object.grid, ball);
   Sphere local = detail::to_grid(object.grid, ball);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/core/stages.h"
 
+#include <algorithm>
 #include <deque>
 #include <set>
 
@@ -126,8 +127,9 @@ std::vector<Stage> all(int size) {
     add_simplifications(result, set.name, model, objects.emplace_back(sample_union(model.spheres, 1 << 18)));
     for (const auto method : {RegistrationMethod::global, RegistrationMethod::matching}) {
       const SphereModel* m = &model;
-      result.push_back({"registration of " + set.name, [m, method](const Context& c) {
-                          register_models(*m, *m, {.method = method, .k = 512, .inits = 4}, c);
+      const auto k = static_cast<std::uint32_t>(std::clamp(size * size, 16, 512));
+      result.push_back({"registration of " + set.name, [m, method, k](const Context& c) {
+                          register_models(*m, *m, {.method = method, .k = k, .inits = 4}, c);
                         }});
     }
   }
