@@ -240,7 +240,7 @@ struct Run {
 
   void model() {
     std::optional<Volume> volume;
-    if (!holds_spheres(options)) volume.emplace(read());
+    if (!holds_spheres(options, files)) volume.emplace(read());
     const BuiltModel built = volume ? build(*volume) : obtain();
     counts(built);
     if (volume && !options.out.empty() && !table_format(options.out) &&
