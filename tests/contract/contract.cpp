@@ -205,7 +205,8 @@ std::vector<RequestNumber> request_numbers() {
   for (const auto& [path, item] : document().at("paths").items()) {
     for (const auto& [key, operation] : item.items()) {
       if (!is_method(key)) continue;
-      const RequestNumber at{.method = changed_case(key, -32), .path = path, .in = {}, .name = {}, .variant = {}};
+      RequestNumber at;
+      at.method = changed_case(key, -32), at.path = path;
       for (const Json* holder : {&item, &operation}) {
         for (const Json& given : holder->value("parameters", Json::array())) {
           const Json& parameter = resolved(given);

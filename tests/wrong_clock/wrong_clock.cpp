@@ -39,6 +39,6 @@ extern "C" time_t time(time_t* out) {
 extern "C" int gettimeofday(timeval* __restrict out, void* __restrict) {
   timespec now{};
   const int result = clock_gettime(CLOCK_REALTIME, &now);
-  if (out != nullptr) *out = {.tv_sec = now.tv_sec, .tv_usec = now.tv_nsec / 1000};
+  *out = {.tv_sec = now.tv_sec, .tv_usec = now.tv_nsec / 1000};
   return result;
 }

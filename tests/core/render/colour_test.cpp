@@ -68,7 +68,7 @@ TEST(Pieces, OfARawModelAreThoseOfItsCells) {
 
 TEST(Pieces, OfTriangles) {
   const std::vector<std::array<std::uint32_t, 3>> triangles{{0, 1, 2}, {5, 4, 3}, {3, 6, 7}};
-  EXPECT_EQ(pieces(9, triangles), (std::vector<std::uint32_t>{1, 1, 1, 0, 0, 0, 0, 0, 2}));
+  EXPECT_EQ(pieces(9, triangles, {}), (std::vector<std::uint32_t>{1, 1, 1, 0, 0, 0, 0, 0, 2}));
 }
 
 TEST(MiddleRange, LeavesTheExtremesOut) {
