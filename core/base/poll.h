@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <stop_token>
 
 #include "core/base/context.h"
 
@@ -15,7 +16,7 @@ class Poll {
  public:
   /// `every` is the number of calls between two looks: of steps that take 5 ns the default makes about 0.2 ms.
   explicit Poll(const Context& context, std::uint32_t every = 1U << 15)
-      : context_(context), every_(every), left_(every) {}
+      : cancel_(context.cancel), every_(every), left_(every) {}
 
   /// Throws cancelled.
   void operator()() {
@@ -33,10 +34,10 @@ class Poll {
  private:
   void look() {
     left_ = every_;
-    context_.throw_if_cancelled();
+    Context{.threads = 1, .cancel = cancel_, .progress = {}}.throw_if_cancelled();
   }
 
-  const Context& context_;
+  std::stop_token cancel_;
   std::uint32_t every_, left_;
 };
 

@@ -155,12 +155,12 @@ TEST(Records, HoldFiniteNumbersOnly) {
   }
 }
 
-// As one of an earlier version may be, whose options had other ranges.
+// As one of an earlier version may be, whose options had other words.
 TEST(Records, ThatAreNotValidAnyMoreAreCorrupt) {
   std::string record = record_of(DerivedRequest{kModel, RenderRequest{{.width = 3, .height = 4}}});
   const std::size_t at = record.find("\"width\":\"3\"");
   ASSERT_NE(at, std::string::npos) << record;
-  record.replace(at, 11, "\"width\":\"-3\"");
+  record.replace(at, 11, "\"width\":\"wide\"");
   EXPECT_EQ(refusal([&] { static_cast<void>(derived_from(record)); }), ErrorCode::corrupt);
 }
 

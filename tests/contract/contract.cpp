@@ -77,7 +77,8 @@ void check(const Json& value, const Json& schema, const std::string& where, std:
     } else if (keyword == "enum") {
       if (std::ranges::find(rule, value) == rule.end()) complain(value.dump() + " is not one of " + rule.dump());
     } else if (keyword == "pattern") {
-      if (!std::regex_search(value.get<std::string>(), std::regex(rule.get<std::string>()))) {
+      // Of anything but a string, a pattern says nothing.
+      if (value.is_string() && !std::regex_search(value.get<std::string>(), std::regex(rule.get<std::string>()))) {
         complain(value.dump() + " does not match " + rule.dump());
       }
     } else if (keyword == "format") {

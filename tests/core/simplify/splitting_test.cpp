@@ -135,13 +135,14 @@ TEST(SplittingRepresentative, KeepsWhatItsNameSays) {
 
 TEST(SplittingErrors, KIsWithinTheModel) {
   const SphereModel model = sets::random_balls(5, 10, 0.1, 1, 3);
-  for (const std::uint32_t k : {0U, 6U}) {
+  const std::vector<std::pair<std::uint32_t, std::string>> cases{{0, "of at least 1"}, {6, "within 1 and 5"}};
+  for (const auto& [k, said] : cases) {
     try {
       split_spheres(model, {.k = k});
       FAIL();
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::invalid_argument);
-      EXPECT_NE(std::string(error.what()).find("within 1 and 5"), std::string::npos);
+      EXPECT_NE(std::string(error.what()).find(said), std::string::npos);
     }
   }
   EXPECT_THROW(split_spheres({}, {.k = 1}), Error);
