@@ -97,6 +97,7 @@ std::string beside(const RequestNumber& number) {
                                                             {"spacing", "format=raw&dtype=uint8&dims=9,9,9"},
                                                             {"origin", "format=raw&dtype=uint8&dims=9,9,9"}};
   if (number.name == "level" && !number.whole) return "window=5";
+  if (number.path.ends_with("/histogram") && (number.name == "width" || number.name == "height")) return "format=png";
   const auto found = needed.find(number.name);
   return found == needed.end() ? "" : found->second;
 }

@@ -221,6 +221,7 @@ TEST_F(ListenerTest, BodiesThatDoNotComeCostNoThread) {
   }
   wait_for_open(60);
   for (int i = 0; i < 10; ++i) EXPECT_LT(time_of_get(), 2);
+  wait_until_none_is_answered();
   EXPECT_EQ(listener->load().answering, 0U);
   ASSERT_TRUE(slow[0].send("3\r\nabc\r\n0\r\n\r\n"));
   EXPECT_NE(slow[0].receive("/body.").find("200 OK"), std::string::npos) << "nor are they forgotten";
