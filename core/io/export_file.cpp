@@ -206,7 +206,7 @@ std::string spheres_to_file(FileFormat format, const FileSource& source, const F
   switch (format) {
     case FileFormat::xyz: return spheres_to_xyz(source.spheres);
     case FileFormat::pqr: return spheres_to_pqr(source.spheres);
-    case FileFormat::glb: return spheres_to_glb(source.spheres, options.glb);
+    case FileFormat::glb: return spheres_to_glb(source.spheres, options.glb, context);
     case FileFormat::vdb: {
       const Box box = box_of(source.spheres);
       const Vec3 size = box.max - box.min;

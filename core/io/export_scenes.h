@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "core/base/context.h"
 #include "core/base/geometry.h"
 
 namespace spherule {
@@ -34,7 +35,9 @@ inline constexpr std::size_t max_glb_triangles = 20'000'000;
 /// anterior); the numbers inside are float32 mm along LPS from the middle of the spheres' box, which the node's scale,
 /// rotation and translation turn into that: what float32 loses is of the box, however far from the origin it is. Smooth
 /// normals, one grey material. Spheres of radius 0 are left out, and at least one must be left (unusable). Throws
-/// too_large for a mesh of more than max_glb_triangles.
-std::string spheres_to_glb(std::span<const Sphere> spheres, const GlbOptions& options = {});
+/// too_large for a mesh of more than max_glb_triangles. A cancellation is polled, but while the parts of the file are
+/// joined.
+std::string spheres_to_glb(std::span<const Sphere> spheres, const GlbOptions& options = {},
+                           const Context& context = {});
 
 }  // namespace spherule

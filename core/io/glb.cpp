@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/poll.h"
 #include "core/io/binary.h"
 #include "core/io/decimal.h"
 #include "core/io/export_scenes.h"
@@ -102,7 +103,8 @@ void append_chunk(std::string& out, const char* kind, std::string bytes, char pa
 
 }  // namespace
 
-std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& options) {
+std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& options, const Context& context) {
+  Poll poll(context);
   std::vector<Sphere> spheres;
   for (const Sphere& s : all)
     if (s.radius > 0) spheres.push_back(s);
@@ -124,6 +126,7 @@ std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& option
   const std::vector<Sphere> drawn = instanced ? std::vector<Sphere>{{{}, 1}} : spheres;
   for (const Sphere& s : drawn) {
     for (const Vec3& v : ball.vertices) {
+      poll(2);
       positions.push_back(s.centre + s.radius * v);
       normals.push_back(v);
     }
@@ -131,16 +134,18 @@ std::string spheres_to_glb(std::span<const Sphere> all, const GlbOptions& option
   Document document;
   const auto vectors = [&](std::span<const Vec3> values, int target, const std::string& more = {}) {
     const std::size_t begin = document.data.size();
-    for (const Vec3& v : values) append(document.data, v);
+    for (const Vec3& v : values) poll(4), append(document.data, v);
     return std::to_string(document.add(begin, "VEC3", kFloat, values.size(), target, more));
   };
   const std::string position = vectors(positions, kVertices, extent(positions));
   const std::string normal = vectors(normals, kVertices);
   const std::size_t begin = document.data.size();
   for (std::size_t i = 0; i < drawn.size(); ++i) {
-    for (const auto& triangle : ball.triangles)
+    for (const auto& triangle : ball.triangles) {
+      poll(4);
       for (const std::uint32_t v : triangle)
         detail::append_number(document.data, static_cast<std::uint32_t>(i * ball.vertices.size() + v));
+    }
   }
   const std::string index =
       std::to_string(document.add(begin, "SCALAR", kUint32, 3 * drawn.size() * ball.triangles.size(), kIndices));

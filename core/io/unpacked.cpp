@@ -222,7 +222,8 @@ class HexDigits : public ByteSource {
     std::size_t done = 0;
     unsigned high = kNone;
     while (done < into.size()) {
-      if (piece_.empty() && (piece_ = input_.next()).empty()) {
+      if (piece_.empty()) piece_ = input_.next();
+      if (piece_.empty()) {
         if (high != kNone) fail();
         break;
       }
@@ -285,7 +286,8 @@ class DecimalNumbers : public ByteSource {
     std::array<char, kLongest> word;
     std::size_t length = 0;
     for (;;) {
-      if (piece_.empty() && (piece_ = input_.next()).empty()) break;
+      if (piece_.empty()) piece_ = input_.next();
+      if (piece_.empty()) break;
       const std::byte b = piece_.front();
       piece_ = piece_.subspan(1);
       if (!is_blank(b) && b != std::byte{','}) {

@@ -259,7 +259,7 @@ void Connection::cut_off() {
   ::shutdown(transport_->socket(), SHUT_RDWR);
 }
 
-void Connection::hold(std::string text) { held_ += text; }
+void Connection::hold(std::string_view text) { held_ += text; }
 
 bool Connection::write(std::string_view text) {
   const std::size_t with = held_.empty() ? 0 : std::min(text.size(), kHeldBytes);

@@ -53,7 +53,7 @@ class Connection {
   bool is_gone() const;
 
   /// Keeps the text back, to go with what is written next.
-  void hold(std::string text);
+  void hold(std::string_view text);
   /// All of it; false when the client does not take it.
   bool write(std::string_view text);
   /// The same for bytes of a file.
