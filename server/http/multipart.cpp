@@ -96,7 +96,8 @@ bool MultipartReader::step(const api::Body::BeginPart& begin, const api::Body::T
       // What may be the beginning of a delimiter waits.
       const std::size_t sure = at != held_.npos ? at : held_.size() - std::min(held_.size(), delimiter_.size() - 1);
       if (state_ == State::content && sure > 0) take(std::string_view(held_).substr(0, sure));
-      if (state_ == State::preamble && (preamble_ += sure) > kLongestHead) refuse(kNoForm);
+      if (state_ == State::preamble) preamble_ += sure;
+      if (preamble_ > kLongestHead) refuse(kNoForm);
       held_.erase(0, at != held_.npos ? at + delimiter_.size() : sure);
       if (at == held_.npos) return false;
       state_ = State::delimiter;
