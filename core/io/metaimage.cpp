@@ -25,18 +25,20 @@ struct Fields {
   bool complete = false;          // its last field was there
   bool untidy = false;            // fields that do not matter come first or repeat
 
-  const std::string* find(std::string_view name) const {
+  // Of fields that stay: what is found lies in them.
+  const std::string* find(std::string_view name) const& {
     const auto found = value.find(name);
     return found == value.end() ? nullptr : &found->second;
   }
   // The first of the names that a field goes by.
-  const std::string* find(std::initializer_list<std::string_view> names) const {
+  const std::string* find(std::initializer_list<std::string_view> names) const& {
     for (const std::string_view name : names) {
       if (const std::string* found = find(name)) return found;
     }
     return nullptr;
   }
-  const std::string& at(std::string_view name) const {
+  const std::string* find(std::string_view name) const&& = delete;
+  const std::string& at(std::string_view name) const& {
     if (const std::string* found = find(name)) return *found;
     fail_malformed("The MetaImage header lacks NDims, DimSize, ElementType or ElementDataFile; correct the header.");
   }
@@ -215,7 +217,8 @@ bool is_metaimage(std::string_view head) {
 bool is_detached_metaimage(std::string_view head) {
   try {
     if (!is_metaimage(head)) return false;
-    const std::string* data = parse_fields(head, head.size()).find("ElementDataFile");
+    const Fields fields = parse_fields(head, head.size());
+    const std::string* data = fields.find("ElementDataFile");
     return data && !is_local(*data);
   } catch (const Error&) {
     return false;

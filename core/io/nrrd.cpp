@@ -22,11 +22,13 @@ struct Fields {
   std::size_t end = 0;                       // of the header: where attached data start
   bool attached = false;
 
-  const std::string* find(const std::string& name) const {
+  // Of fields that stay: what is found lies in them.
+  const std::string* find(const std::string& name) const& {
     const auto found = value.find(name);
     return found == value.end() ? nullptr : &found->second;
   }
-  const std::string& at(const std::string& name) const {
+  const std::string* find(const std::string& name) const&& = delete;
+  const std::string& at(const std::string& name) const& {
     if (const std::string* found = find(name)) return *found;
     fail_malformed("The NRRD header lacks its type, dimension, sizes, encoding or byte order; correct the header.");
   }
@@ -455,7 +457,9 @@ bool is_nrrd(std::string_view head) {
 
 bool is_detached_nrrd(std::string_view head) {
   try {
-    return is_nrrd(head) && parse_fields(head, head.size()).find("datafile") != nullptr;
+    if (!is_nrrd(head)) return false;
+    const Fields fields = parse_fields(head, head.size());
+    return fields.find("datafile") != nullptr;
   } catch (const Error&) {
     return false;
   }

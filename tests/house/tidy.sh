@@ -27,10 +27,19 @@ check() {
 export -f check
 export build passed
 
-# Ninja knows which headers each object was made from: the source first, then the headers; ours alone matter.
-ninja -C "$build" -t deps | awk -v root="$(realpath --relative-to="$build" .)/" -v folders="$*" '
+# Ninja knows which headers each object was made from: the source first, then the headers; ours alone matter. They are
+# named from the build folder or from the file system's root, as the compiler was called.
+mapfile -t sources < <(ninja -C "$build" -t deps | awk -v near="$(realpath --relative-to="$build" .)/" -v far="$PWD/" \
+  -v folders="$*" '
   function end() { if (files ~ "^(" folders ")/[^ ]*\\.cpp( |$)") print files; files = "" }
+  function add(file) { files = files (files == "" ? "" : " ") file }
   BEGIN { gsub(/ /, "|", folders) }
   /^[^ ]/ { end() }
-  /^ / && index($1, root) == 1 { files = files (files == "" ? "" : " ") substr($1, length(root) + 1) }
-  END { end() }' | sort -u | xargs -P "$(nproc)" -I {} bash -c 'check {}'
+  /^ / && index($1, near) == 1 { add(substr($1, length(near) + 1)) }
+  /^ / && index($1, far) == 1 { add(substr($1, length(far) + 1)) }
+  END { end() }' | sort -u)
+if [ ${#sources[@]} = 0 ]; then
+  echo "tidy.sh finds no source of $* in $build; build first." >&2
+  exit 1
+fi
+printf '%s\n' "${sources[@]}" | xargs -P "$(nproc)" -I {} bash -c 'check {}'
