@@ -156,10 +156,12 @@ std::string matrix(const std::string& text, std::size_t rank) {
 // How the samples lie in a file; which files, is left open.
 SampleSource layout_of(const Fields& fields, const ReadLimits& limits) {
   SampleSource source;
-  if (!fields.flag({"BinaryData"}, true)) {
-    fail_unusable("MetaImage samples written as text are not read; save the file with binary data.");
+  // Packed samples are binary, whatever BinaryData says: so ITK reads them.
+  if (fields.flag({"CompressedData"}, false)) {
+    source.packing = Packing::deflate;
+  } else if (!fields.flag({"BinaryData"}, true)) {
+    source.packing = Packing::text;
   }
-  if (fields.flag({"CompressedData"}, false)) source.packing = Packing::deflate;
   source.big_endian = fields.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"}, false);
   if (const std::string* size = fields.find("HeaderSize")) {
     const std::int64_t bytes = header_integer(*size);

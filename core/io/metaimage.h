@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// MetaImage (.mha, .mhd with raw or zraw data; https://itk.org/Wiki/MetaIO), in either byte order.
+// MetaImage (.mha, .mhd with raw or zraw data; https://itk.org/Wiki/MetaIO), in either byte order, or as
+// text (BinaryData = False).
 // Private to core/io; see read.h for what is thrown.
 #pragma once
 

@@ -80,6 +80,37 @@ class Refilled {
   std::vector<std::byte> piece_;
 };
 
+// The streams of zlib and libbz2 have the same fields.
+template <typename Stream>
+void refill(Stream& stream, Refilled& input) {
+  const std::span<std::byte> piece = input.next();
+  stream.next_in = reinterpret_cast<decltype(stream.next_in)>(piece.data());
+  stream.avail_in = static_cast<unsigned>(piece.size());
+}
+
+// Fills `into` by steps of a codec, each of which says whether its stream is over; then the codec begins the next one,
+// and says whether there is none. Returns the bytes made.
+template <typename Stream, typename Step, typename Next>
+std::size_t unpack(Stream& stream, Refilled& input, std::span<std::byte> into, bool& ended, Step&& step, Next&& next) {
+  std::size_t done = 0;
+  while (done < into.size() && !ended) {
+    if (stream.avail_in == 0) refill(stream, input);
+    const auto room = static_cast<unsigned>(std::min<std::size_t>(into.size() - done, 1U << 30));
+    stream.next_out = reinterpret_cast<decltype(stream.next_out)>(into.data() + done);
+    stream.avail_out = room;
+    const bool starved = stream.avail_in == 0;
+    const bool over = step();
+    const unsigned made = room - stream.avail_out;
+    done += made;
+    if (over) {
+      ended = !next();
+    } else if (starved && made == 0) {
+      fail_early_end();
+    }
+  }
+  return done;
+}
+
 class Inflated : public ByteSource {
  public:
   Inflated(const std::filesystem::path& file, std::uint64_t offset) : input_(file, offset) {
@@ -89,49 +120,32 @@ class Inflated : public ByteSource {
   ~Inflated() override { inflateEnd(&zlib_); }
 
   std::size_t read(std::span<std::byte> into) override {
-    std::size_t done = 0;
-    while (done < into.size() && !ended_) {
-      if (zlib_.avail_in == 0) refill();
-      const uInt room = static_cast<uInt>(std::min<std::size_t>(into.size() - done, 1U << 30));
-      zlib_.next_out = reinterpret_cast<Bytef*>(into.data() + done);
-      zlib_.avail_out = room;
-      const bool starved = zlib_.avail_in == 0;
-      const int status = inflate(&zlib_, Z_NO_FLUSH);
-      done += room - zlib_.avail_out;
-      if (status == Z_STREAM_END) {
-        next_member();
-      } else if (status == Z_MEM_ERROR) {
-        throw std::bad_alloc();
-      } else if (status != Z_OK && status != Z_BUF_ERROR) {
-        fail_damaged();
-      } else if (starved && zlib_.avail_out == room) {
-        fail_early_end();
-      }
-    }
-    return done;
+    return unpack(
+        zlib_, input_, into, ended_, [&] { return inflate_some(); }, [&] { return next_member(); });
   }
 
  private:
-  void refill() {
-    const std::span<std::byte> piece = input_.next();
-    zlib_.next_in = reinterpret_cast<Bytef*>(piece.data());
-    zlib_.avail_in = static_cast<uInt>(piece.size());
+  bool inflate_some() {
+    switch (inflate(&zlib_, Z_NO_FLUSH)) {
+      case Z_OK:
+      case Z_BUF_ERROR: return false;
+      case Z_STREAM_END: return true;
+      case Z_MEM_ERROR: throw std::bad_alloc();
+      default: fail_damaged();
+    }
   }
 
   // After a gzip member another may follow; anything else there (tapes pad with zeros) is ignored as gzip does.
-  void next_member() {
+  bool next_member() {
     std::array<std::byte, 2> magic{};
     std::size_t got = 0;
     while (got < magic.size()) {
-      if (zlib_.avail_in == 0) refill();
+      if (zlib_.avail_in == 0) refill(zlib_, input_);
       if (zlib_.avail_in == 0) break;
       magic[got++] = static_cast<std::byte>(*zlib_.next_in++);
       --zlib_.avail_in;
     }
-    if (got < 2 || magic[0] != std::byte{0x1f} || magic[1] != std::byte{0x8b}) {
-      ended_ = true;
-      return;
-    }
+    if (got < 2 || magic[0] != std::byte{0x1f} || magic[1] != std::byte{0x8b}) return false;
     inflateReset2(&zlib_, 15 + 16);
     // The two bytes may lie in different refills, so they are fed again from here.
     Bytef* rest = zlib_.next_in;
@@ -144,6 +158,7 @@ class Inflated : public ByteSource {
     inflate(&zlib_, Z_NO_FLUSH);
     zlib_.next_in = rest;
     zlib_.avail_in = rest_size;
+    return true;
   }
 
   Refilled input_;
@@ -157,44 +172,26 @@ class Bunzipped : public ByteSource {
   ~Bunzipped() override { BZ2_bzDecompressEnd(&bzip2_); }
 
   std::size_t read(std::span<std::byte> into) override {
-    std::size_t done = 0;
-    while (done < into.size() && !ended_) {
-      if (bzip2_.avail_in == 0) refill();
-      const auto room = static_cast<unsigned>(std::min<std::size_t>(into.size() - done, 1U << 30));
-      bzip2_.next_out = reinterpret_cast<char*>(into.data() + done);
-      bzip2_.avail_out = room;
-      const bool starved = bzip2_.avail_in == 0;
-      const int status = BZ2_bzDecompress(&bzip2_);
-      done += room - bzip2_.avail_out;
-      if (status == BZ_STREAM_END) {
-        next_stream();
-      } else if (status == BZ_MEM_ERROR) {
-        throw std::bad_alloc();
-      } else if (status != BZ_OK) {
-        fail_damaged();
-      } else if (starved && bzip2_.avail_out == room) {
-        fail_early_end();
-      }
-    }
-    return done;
+    return unpack(
+        bzip2_, input_, into, ended_, [&] { return decompress_some(); }, [&] { return next_stream(); });
   }
 
  private:
+  bool decompress_some() {
+    switch (BZ2_bzDecompress(&bzip2_)) {
+      case BZ_OK: return false;
+      case BZ_STREAM_END: return true;
+      case BZ_MEM_ERROR: throw std::bad_alloc();
+      default: fail_damaged();
+    }
+  }
   void start() {
     if (BZ2_bzDecompressInit(&bzip2_, 0, 0) != BZ_OK) throw std::bad_alloc();
   }
-  void refill() {
-    const std::span<std::byte> piece = input_.next();
-    bzip2_.next_in = reinterpret_cast<char*>(piece.data());
-    bzip2_.avail_in = static_cast<unsigned>(piece.size());
-  }
   // Parallel packers write many streams. What follows and does not start like one is ignored, as bzip2 does.
-  void next_stream() {
-    if (bzip2_.avail_in == 0) refill();
-    if (bzip2_.avail_in == 0 || *bzip2_.next_in != 'B') {
-      ended_ = true;
-      return;
-    }
+  bool next_stream() {
+    if (bzip2_.avail_in == 0) refill(bzip2_, input_);
+    if (bzip2_.avail_in == 0 || *bzip2_.next_in != 'B') return false;
     char* rest = bzip2_.next_in;
     const unsigned rest_size = bzip2_.avail_in;
     BZ2_bzDecompressEnd(&bzip2_);
@@ -202,6 +199,7 @@ class Bunzipped : public ByteSource {
     start();
     bzip2_.next_in = rest;
     bzip2_.avail_in = rest_size;
+    return true;
   }
 
   Refilled input_;

@@ -10,20 +10,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Field : public ::testing::Test {
+class Field : public SharedFiles {
  protected:
-  void SetUp() override {
-    if (!fs::is_directory(folder_)) GTEST_SKIP() << "the shared data are not here: " << SPHERULE_SHARED_DATA;
-  }
-  Volume read(const std::vector<std::string>& names, const ReadOptions& options = {}) const {
-    return read_volume(paths(names), options);
-  }
-  Paths paths(const std::vector<std::string>& names) const {
-    Paths files;
-    for (const std::string& name : names) files.push_back(folder_ / name);
-    return files;
-  }
-  fs::path folder_ = fs::path(SPHERULE_SHARED_DATA) / "field";
+  Field() : SharedFiles("field") {}
 };
 
 std::uint64_t at_least(const Volume& volume, double threshold) {

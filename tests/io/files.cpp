@@ -30,6 +30,20 @@ fs::path TempFolder::add(const std::string& name, std::string_view bytes) const 
   return file;
 }
 
+void SharedFiles::SetUp() {
+  if (!fs::is_directory(folder_)) GTEST_SKIP() << "the shared data are not here: " << SPHERULE_SHARED_DATA;
+}
+
+Volume SharedFiles::read(const std::vector<std::string>& names, const ReadOptions& options) const {
+  return read_volume(paths(names), options);
+}
+
+Paths SharedFiles::paths(const std::vector<std::string>& names) const {
+  Paths files;
+  for (const std::string& name : names) files.push_back(folder_ / name);
+  return files;
+}
+
 namespace {
 
 void put(std::string& bytes, std::size_t at, const std::string& value) { bytes.replace(at, value.size(), value); }

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <bit>
+#include <charconv>
 #include <cstring>
 #include <filesystem>
 #include <limits>
@@ -35,6 +36,16 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
+/// Files of the shared data, in the folder `below` of them; skips where they are not.
+class SharedFiles : public ::testing::Test {
+ protected:
+  explicit SharedFiles(const char* below = "") : folder_(std::filesystem::path(SPHERULE_SHARED_DATA) / below) {}
+  void SetUp() override;
+  Volume read(const std::vector<std::string>& names, const ReadOptions& options = {}) const;
+  Paths paths(const std::vector<std::string>& names) const;
+  const std::filesystem::path folder_;
+};
+
 std::string bytes_of_file(const std::filesystem::path& file);
 
 /// The bytes of a number in either order.
@@ -51,6 +62,20 @@ std::string bytes_of(const std::vector<T>& values, bool big_endian) {
   std::string bytes;
   for (const T v : values) bytes += bytes_of(v, big_endian);
   return bytes;
+}
+
+/// Numbers as text, with every kind of blank between.
+template <typename T>
+std::string text_of(const std::vector<T>& values) {
+  std::string text;
+  for (const T value : values) {
+    std::array<char, 64> digits;
+    char* end = nullptr;
+    if constexpr (sizeof(T) == 1) end = std::to_chars(digits.data(), digits.data() + 64, static_cast<int>(value)).ptr;
+    if constexpr (sizeof(T) > 1) end = std::to_chars(digits.data(), digits.data() + 64, value).ptr;
+    text += std::string(digits.data(), end) + (text.size() % 3 == 0 ? "\r\n" : text.size() % 3 == 1 ? ", " : " ");
+  }
+  return text;
 }
 
 /// Values that a wrong type, sign or byte order would change.

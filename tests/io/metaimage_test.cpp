@@ -61,6 +61,39 @@ TEST(MetaImage, ReadsEveryTypeInEitherOrderPackingAndPlace) {
   }
 }
 
+TEST(MetaImage, ReadsSamplesThatAreText) {
+  for_each_type([&]<typename T>(T) {
+    const auto values = telling_values<T>(60);
+    const std::string text = text_of(values);
+    // The order of bytes does not matter for digits.
+    const std::string fields = "NDims = 3\nBinaryData = False\nBinaryDataByteOrderMSB = True\nDimSize = 3 4 5\n" +
+                               std::string("ElementType = ") + met_type<T>() + "\n";
+    const TempFolder folder;
+    for (const Paths& files : {Paths{folder.add("a.mha", fields + "ElementDataFile = LOCAL\n" + text)},
+                               Paths{folder.add("b.mhd", fields + "HeaderSize = 5\nElementDataFile = doe.txt\n"),
+                                     folder.add("doe.txt", "head\n" + text)}}) {
+      const Volume volume = read_volume(files);
+      EXPECT_EQ(samples<T>(volume), values);
+      EXPECT_TRUE(volume.warnings.empty());
+    }
+  });
+  const auto head = [](const std::string& sizes) {
+    return "NDims = 3\nBinaryData = False\nDimSize = " + sizes + "\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+  };
+  const std::string most = text_of(std::vector<std::uint8_t>(59, 7));
+  EXPECT_TRUE(read(head("3 4 5") + most + "7").warnings.empty());
+  EXPECT_TRUE(warns(read(head("3 4 5") + most + "7 7\n"), "go on after the last sample"));
+  for (const char* last : {"", "x", "-1", "256", "7.5", "1e1", "nan", "7x", "\xff", "7 y"})
+    refuse(head("3 4 5") + most + last, ErrorCode::malformed);
+  refuse(head("3 4 5") + most + std::string(1000, '7'), ErrorCode::malformed);
+  refuse(head("3 4 5") + std::string(60, '\0'), ErrorCode::malformed);
+  // Sizes that so little text cannot hold are refused before memory is taken.
+  refuse(head("1200 1200 1200") + most, ErrorCode::malformed);
+  refuse(head("3 4 5").insert(0, "HeaderSize = -1\n") + most + "7", ErrorCode::malformed);
+  // Packed samples are binary.
+  EXPECT_NO_THROW(read(head("3 4 5").insert(0, "CompressedData = True\n") + zlib_stream(std::string(60, '\7'))));
+}
+
 TEST(MetaImage, KnowsTheOtherNamesOfFieldsAndTypes) {
   const std::string bytes =
       "NDims=3\r\n\r\nDimSize = 3 4 5\r\nElementSize = 1 2 3\r\nPosition = 4 5 6\r\n"
@@ -199,7 +232,6 @@ TEST(MetaImage, RefusesWhatIsNotOneScalarAVoxel) {
   }
   refuse(with("", "NDims = 3\nDimSize = 3 4 5\n", "%s%n"), ErrorCode::malformed);
   refuse("ObjectType = Tube\nNDims = 3\nElementDataFile = LOCAL\n", ErrorCode::unusable);
-  refuse(with("BinaryData = False\n"), ErrorCode::unusable);
 }
 
 TEST(MetaImage, RefusesImpossibleGeometry) {

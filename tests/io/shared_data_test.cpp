@@ -10,21 +10,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class SharedData : public ::testing::Test {
- protected:
-  void SetUp() override {
-    if (!fs::is_directory(folder_)) GTEST_SKIP() << "the shared data are not here: " << SPHERULE_SHARED_DATA;
-  }
-  Volume read(const std::vector<std::string>& names, const ReadOptions& options = {}) const {
-    return read_volume(paths(names), options);
-  }
-  Paths paths(const std::vector<std::string>& names) const {
-    Paths files;
-    for (const std::string& name : names) files.push_back(folder_ / name);
-    return files;
-  }
-  fs::path folder_ = SPHERULE_SHARED_DATA;
-};
+using SharedData = SharedFiles;
 
 std::size_t at_least(const Volume& volume, double threshold) {
   return visit_voxels(volume, [&](auto samples) {
