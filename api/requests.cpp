@@ -742,7 +742,8 @@ std::optional<std::chrono::seconds> preferred_wait(const Request& request) {
       if (number.size() > 1 && number.front() == '"' && number.back() == '"') {
         number = number.substr(1, number.size() - 2);
       }
-      if (const auto seconds = parse_number<std::uint32_t>(number)) wait = std::chrono::seconds(*seconds);
+      const auto seconds = parse_number<std::int64_t>(number);
+      if (seconds && ranges::wait_s.holds(*seconds)) wait = std::chrono::seconds(*seconds);
     });
   }
   return wait;

@@ -118,7 +118,7 @@ std::string media_type(std::string_view content_type);
 /// Whether the body is JSON by its type, or may be: curl -d says that everything is a form.
 bool is_json(const Request& request);
 
-/// `wait=N` of Prefer headers, in seconds, if any; `respond-async` is wait=0.
+/// `wait=N` of Prefer headers, in seconds, if any that is within ranges::wait_s; `respond-async` is wait=0.
 std::optional<std::chrono::seconds> preferred_wait(const Request& request);
 
 /// The parts of `bytes` that a Range header asks for, in its order, without those that lie outside. None when the whole

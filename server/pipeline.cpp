@@ -199,7 +199,7 @@ struct Pipeline::State {
   std::jthread sweeper;  // of what is over its time
 
   State(const Config& config, PipelineLogs given, MetricSource others)
-      : store(config, given.aside),
+      : store(config, given.aside, given.expired),
         uploads(config.data / "uploads", config.max_body_bytes, kKeepUploads, kMostUploads, store.surroundings()),
         replies(config.data / "replies", kKeepReplies, store.surroundings()),
         more(std::move(others)),
@@ -390,7 +390,8 @@ api::Readiness Pipeline::readiness() const {
 }
 
 std::unique_ptr<api::Upload> Pipeline::start_upload(std::uint64_t announced) {
-  return std::make_unique<FileUpload>(state_->store.blobs, state_->store.config.max_body_bytes, announced);
+  return std::make_unique<FileUpload>(state_->store.blobs, state_->store.config.max_body_bytes, announced,
+                                      [&uploads = state_->uploads](std::uint64_t bytes) { uploads.check_room(bytes); });
 }
 
 api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters,

@@ -25,7 +25,8 @@ namespace spherule::server {
 struct PipelineLogs {
   FaultLog fault;
   EndLog job_ended;
-  std::function<void(const std::string& id)> expired;  ///< not used for longer than such things are kept
+  /// Not used for longer than such things are kept, or an answer that made room for another.
+  std::function<void(const std::string& id)> expired;
   std::function<void(const std::string& id)> damaged;  ///< a stored answer, which is made again
   std::function<void(const std::string& name)> aside;  ///< what was damaged or unknown, and is in damaged/ now
   /// The clock on the wall has moved by so much more than time was served: it was set, or no server ran.

@@ -155,6 +155,15 @@ std::uint64_t ResumableUploads::missing_bytes() const {
   return sum;
 }
 
+void ResumableUploads::check_room(std::uint64_t bytes) const {
+  const std::uint64_t room = around_.free_bytes(), promised = missing_bytes();
+  if (promised > room || bytes > room - promised) {
+    throw Error(ErrorCode::no_space,
+                "The upload does not fit on the server's disk beside those that are under way; try again later, or "
+                "send less.");
+  }
+}
+
 api::UploadInfo ResumableUploads::create(std::uint64_t length, std::string_view filename) {
   if (length > limit_) {
     throw Error(ErrorCode::too_large,
@@ -165,12 +174,7 @@ api::UploadInfo ResumableUploads::create(std::uint64_t length, std::string_view 
   if (ids().size() >= most_) {
     throw Error(ErrorCode::busy, "Too many uploads are unfinished; finish or delete some, or try again later.");
   }
-  const std::uint64_t room = around_.free_bytes(), promised = missing_bytes();
-  if (promised > room || length > room - promised) {
-    throw Error(ErrorCode::no_space,
-                "The upload does not fit on the server's disk beside those that are under way; try again later, or "
-                "send less.");
-  }
+  check_room(length);
   const std::string id = random_id("upl");
   const Busy busy(*this, id);
   const auto begun = std::chrono::duration_cast<std::chrono::milliseconds>(system_clock::now().time_since_epoch());

@@ -31,8 +31,11 @@ class ResumableUploads {
   ResumableUploads(std::filesystem::path folder, std::uint64_t limit, std::chrono::seconds keep,
                    std::size_t most = 1000, Surroundings around = {});
 
-  /// Durable when it returns. Throws too_large over the limit, busy when there are too many, no_space when the disk has
-  /// no room for it beside what the others lack.
+  /// Throws no_space when the disk has no room for so many bytes beside what the unfinished uploads lack. For whoever
+  /// writes to the same disk. O(uploads).
+  void check_room(std::uint64_t bytes) const;
+
+  /// Durable when it returns. Throws too_large over the limit, busy when there are too many, what check_room() throws.
   api::UploadInfo create(std::uint64_t length, std::string_view filename);
   api::UploadInfo find(const std::string& id) const;
 

@@ -61,9 +61,10 @@ const fs::path& opened(const Config& config, const fs::path& catalog) {
 
 }  // namespace
 
-Store::Store(const Config& given, AsideLog log)
+Store::Store(const Config& given, AsideLog aside, ExpiryLog expiry)
     : config(given),
-      aside_log(std::move(log)),
+      aside_log(std::move(aside)),
+      expiry_log(std::move(expiry)),
       catalog(opened(given, given.catalog_file())),
       blobs((given.blob_folder())),
       cache(given.model_cache_bytes),
@@ -100,6 +101,7 @@ void Store::make_room_for_answer(std::uint64_t bytes) {
   const std::uint64_t left = config.max_answer_bytes - std::min(config.max_answer_bytes, bytes);
   for (const std::string& id : catalog.over_budget(answers_collection, left)) try {
       remove(id);
+      if (expiry_log) expiry_log(id);
     } catch (const Error& error) {
       if (error.code() != ErrorCode::not_found) throw;  // else somebody else was faster
     }

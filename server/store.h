@@ -67,11 +67,13 @@ struct ListedParts {
 struct Store {
   /// Told what is moved to damaged/, by its name there.
   using AsideLog = std::function<void(const std::string& name)>;
+  /// Told which answers are deleted to make room for others.
+  using ExpiryLog = std::function<void(const std::string& id)>;
 
   /// Opens the store in config.data (made if needed) and sorts out its blobs (sort_out_orphans). All that it makes is
   /// for its owner's eyes only, and what an earlier version made is mended. Throws busy when another process uses that
   /// folder, corrupt when the catalogue is missing or older than the blobs, and what Catalog and FileBlobStore throw.
-  explicit Store(const Config& given, AsideLog log = {});
+  explicit Store(const Config& given, AsideLog aside = {}, ExpiryLog expiry = {});
 
   /// Held while a whole volume or model is read beside the jobs: as many at once as jobs. Throws cancelled instead of
   /// waiting on.
@@ -146,6 +148,7 @@ struct Store {
 
   Config config;
   AsideLog aside_log;
+  ExpiryLog expiry_log;
   Catalog catalog;  // its lock comes before anything else is touched
   FileBlobStore blobs;
   Cache<SphereModel> cache;

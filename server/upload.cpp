@@ -16,12 +16,18 @@ namespace spherule::server {
 namespace {
 
 constexpr std::size_t kMaxFiles = 4096;
+// Between two looks at the room, each of which asks for all unfinished uploads; a few dozen senders at once stay within
+// the reserve.
+constexpr std::uint64_t kLookEvery = std::uint64_t{1} << 20;
 
 }  // namespace
 
-FileUpload::FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced) : blobs_(blobs), limit_(limit) {
+FileUpload::FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced, CheckRoom room)
+    : blobs_(blobs), limit_(limit), room_(std::move(room)) {
   // Of an unknown length, at least one byte.
-  first_ = blobs.stage(limit, std::max<std::uint64_t>(announced, 1));
+  const std::uint64_t bytes = std::max<std::uint64_t>(announced, 1);
+  first_ = blobs.stage(limit, bytes);
+  room_(bytes);
 }
 
 void FileUpload::begin_file(std::string_view name) {
@@ -40,7 +46,14 @@ void FileUpload::begin_file(std::string_view name) {
   files_.push_back({std::string(name), first_ ? std::move(first_) : blobs_.stage(limit_)});
 }
 
-void FileUpload::write(std::string_view piece) { files_.back().staging->append(piece); }
+void FileUpload::write(std::string_view piece) {
+  since_look_ += piece.size();
+  if (since_look_ >= kLookEvery) {
+    room_(piece.size());
+    since_look_ = 0;
+  }
+  files_.back().staging->append(piece);
+}
 
 void FileUpload::unpack(const ArchiveLimits& limits) {
   if (files_.size() != 1) return;

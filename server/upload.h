@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -24,9 +25,12 @@ class FileUpload final : public api::Upload {
     std::unique_ptr<Staging> staging;
   };
 
-  /// Looks at the free space for `announced` bytes (0: unknown) before the first byte is taken; `limit` bytes are the
-  /// most that a file may have. Throws no_space.
-  FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced);
+  /// Throws no_space where there is no room for so many bytes more.
+  using CheckRoom = std::function<void(std::uint64_t bytes)>;
+
+  /// Checks the room for `announced` bytes (0: unknown) before the first byte is taken, and while they come, as others
+  /// may take of it; `limit` bytes are the most that a file may have. Throws what `room` throws, and no_space.
+  FileUpload(BlobStore& blobs, std::uint64_t limit, std::uint64_t announced, CheckRoom room);
 
   void begin_file(std::string_view name) override;
   void write(std::string_view piece) override;
@@ -40,6 +44,8 @@ class FileUpload final : public api::Upload {
  private:
   BlobStore& blobs_;
   std::uint64_t limit_;
+  CheckRoom room_;
+  std::uint64_t since_look_ = 0;  // bytes
   std::unique_ptr<Staging> first_;
   std::vector<File> files_;
 };

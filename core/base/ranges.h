@@ -58,6 +58,7 @@ inline constexpr Whole level{1, 0xffffffff};          ///< of a simplified model
 inline constexpr Whole page{1, 1000};                 ///< entries a page
 inline constexpr Whole index{0, 0x7fffffff};          ///< of files, frames, slices
 inline constexpr Whole bytes{0, 0x7fffffffffffffff};  ///< of uploads: sizes and offsets; numbers of events too
+inline constexpr Whole wait_s{0, 0xffffffff};         ///< of `Prefer: wait`
 
 // Pictures.
 inline constexpr Whole pixels{1, 8192};

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/routes.h"
+#include "core/base/ranges.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"
 
@@ -182,6 +183,11 @@ TEST(Ranges, OfTheContractAreThoseThatAreKept) {
           << said(refused);
     }
   }
+}
+
+// In a header of a syntax of its own, which no schema describes.
+TEST(Ranges, OfAWaitIsInTheContract) {
+  EXPECT_NE(api::contract().find("N is a whole number " + ranges::wait_s.words()), std::string_view::npos);
 }
 
 TEST(Ranges, WhatIsNoNumberIsNone) {

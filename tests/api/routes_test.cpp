@@ -7,6 +7,7 @@
 
 #include "api/problem.h"
 #include "api/requests.h"
+#include "core/base/ranges.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"
 
@@ -86,6 +87,39 @@ TEST_F(Routes, AreTheOperationsOfTheContractInItsOrder) {
 
 TEST_F(Routes, ContractKeepsToItsOwnSchemas) {
   for (const std::string& wrong : example_violations()) ADD_FAILURE() << wrong;
+}
+
+// What a job ends with, its answer ends with.
+TEST_F(Routes, ContractListsWhatJobsEndWith) {
+  int by_job = 0;
+  for (const auto& [method, path] : contract_operations()) {
+    const std::set<std::string> listed = listed_statuses(method, path);
+    EXPECT_TRUE(listed.contains("default")) << method << " " << path;
+    if (!listed.contains("200") || !listed.contains("202")) continue;
+    ++by_job;
+    for (const char* status : {"404", "409", "413", "422", "429", "500", "503", "507"})
+      EXPECT_TRUE(listed.contains(status)) << method << " " << path << " " << status;
+  }
+  EXPECT_GE(by_job, 14);
+}
+
+TEST_F(Routes, TellLittleOfHoweverManyUnknownFields) {
+  std::string many = "{", nested = R"({"weights": {)", longest(840'000, 'x'), parameters;
+  for (int n = 0; many.size() < 840'000; ++n) many += "\"k" + std::to_string(n) + "\":1,";
+  nested += many.substr(1) + R"("z": 1}})";
+  many += R"("z": 1})";
+  for (int n = 0; n < 5000; ++n) parameters += (n == 0 ? "?k" : "&k") + std::to_string(n) + "=1";
+  for (const std::string& path : {std::string("/v1/models"), "/v1/models/" + kModel + "/simplifications",
+                                  std::string("/v1/registrations"), "/v1/registrations/" + kRegistration + "/apply"}) {
+    for (const std::string& body : {many, nested, R"({")" + longest + R"(": 1})"}) {
+      const Response response = ask("POST", path, {.body = body});
+      EXPECT_GE(response.status, 400) << path;
+      EXPECT_LT(std::get<std::string>(response.body).size(), 4000U) << path;
+    }
+  }
+  const Response response = ask("GET", "/v1/models/" + kModel + "/render" + parameters);
+  EXPECT_EQ(response.status, 400);
+  EXPECT_LT(std::get<std::string>(response.body).size(), 4000U);
 }
 
 TEST_F(Routes, AnswerEveryGetAndHead) {
@@ -305,6 +339,13 @@ TEST_F(Routes, GiveTheJobOfAModelThatIsNotDone) {
   };
   EXPECT_EQ(applied("wait=10"), "") << "it did not wait";
   EXPECT_EQ(applied("respond-async"), "wait=0");
+  // The range that the contract states; what is none is as if it were not there.
+  service.awaited = true;
+  EXPECT_EQ(applied("wait=0"), "wait=0");
+  EXPECT_EQ(applied(("wait=" + std::to_string(ranges::wait_s.most)).c_str()), "wait=60");
+  for (const std::string& none : {std::to_string(ranges::wait_s.most + 1), std::string("-1"), std::string("1.5"),
+                                  std::string(), std::string("1e3"), std::string(30, '9')})
+    EXPECT_EQ(applied(("wait=" + none).c_str()), "") << none;
   EXPECT_FALSE(response.header("Retry-After").empty());
   const Json job = body_of(response);
   EXPECT_EQ(job["state"], "running");

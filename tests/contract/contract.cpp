@@ -201,6 +201,14 @@ std::vector<std::pair<std::string, std::string>> contract_operations() {
   return operations;
 }
 
+std::set<std::string> listed_statuses(const std::string& method, const std::string& path) {
+  std::set<std::string> statuses;
+  for (const auto& [status, response] :
+       document().at("paths").at(path).at(changed_case(method, 32))["responses"].items())
+    statuses.insert(status);
+  return statuses;
+}
+
 std::vector<RequestNumber> request_numbers() {
   std::vector<RequestNumber> all;
   for (const auto& [path, item] : document().at("paths").items()) {

@@ -3,6 +3,7 @@
 // openapi.yaml as a judge of answers: what it lists, and whether an answer keeps to it.
 #pragma once
 
+#include <set>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -12,6 +13,9 @@ namespace spherule::test {
 
 /// Every (method, path template), in the file's order; methods in capitals.
 std::vector<std::pair<std::string, std::string>> contract_operations();
+
+/// The statuses that the contract lists for an operation; `default` is one.
+std::set<std::string> listed_statuses(const std::string& method, const std::string& path);
 
 /// What is wrong with an answer to `method path`, by the contract: a status that is not listed for the operation, a
 /// media type that is not listed for the status, a JSON body that does not fit its schema. Empty: nothing. HEAD counts

@@ -11,6 +11,8 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <set>
+#include <sstream>
 
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
@@ -163,6 +165,14 @@ TEST_F(MountedDisk, UploadsKeepTheReserve) {
   const Answer first = begin(room * 6 / 10);
   ASSERT_EQ(first.status, 201) << first.body;
   EXPECT_EQ(begin(room * 6 / 10).status, 507) << "the rest is spoken for";
+  // For those that come at once, too, whether they say how long they are or not.
+  const std::string scan(room * 5 / 10, 'x');
+  EXPECT_EQ(client().post("/v1/volumes" + kRaw, {.body = scan}).status, 507);
+  std::ostringstream chunked;
+  chunked << "POST /v1/volumes" << kRaw << " HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+          << std::hex << scan.size() << "\r\n"
+          << scan << "\r\n0\r\n\r\n";
+  EXPECT_TRUE(client().raw(chunked.str()).starts_with("HTTP/1.1 507"));
   const Answer second = begin(room * 3 / 10);
   ASSERT_EQ(second.status, 201);
   const auto append = [&](const Answer& upload, std::size_t bytes) {
@@ -266,9 +276,13 @@ TEST_F(Disk, AnswersStayWithinTheirBudget) {
   server =
       std::make_unique<ServerProcess>(data, std::vector<std::string>{"--max-answer-bytes", std::to_string(budget)});
   fill();
+  std::set<std::string> met;  // names of answers that were there
   const auto stored = [&] {
     std::uintmax_t sum = 0;
-    for (const auto& answer : fs::directory_iterator(data / "blobs" / "answers")) sum += answer.file_size();
+    for (const auto& answer : fs::directory_iterator(data / "blobs" / "answers")) {
+      sum += answer.file_size();
+      met.insert(answer.path().filename());
+    }
     return sum;
   };
   std::uintmax_t made = 0;
@@ -282,6 +296,14 @@ TEST_F(Disk, AnswersStayWithinTheirBudget) {
   const std::string csv = client().get(path() + "/exports/csv").body;
   made += csv.size();
   EXPECT_GT(made, budget) << "or nothing had to go";
+  std::ostringstream audit;
+  audit << std::ifstream(data / "audit.log").rdbuf();
+  for (const std::string& name : met) {
+    if (fs::exists(data / "blobs" / "answers" / name)) continue;
+    const std::string id = name.substr(0, name.find('.'));
+    EXPECT_NE(audit.str().find(R"("who":"retention","action":"expire","object":")" + id + '"'), std::string::npos)
+        << "gone without a word: " << name;
+  }
   EXPECT_GT(stored(), 0U);
   EXPECT_EQ(client().get(path() + "/measures").body, measures) << "made again";
   EXPECT_EQ(client().get(path() + "/exports/csv").body, csv);

@@ -180,6 +180,8 @@ TEST_F(Surrounded, LeaveTheDiskItsReserve) {
   EXPECT_EQ(refusal([&] { uploads.create(1001, ""); }), ErrorCode::no_space);
   const std::string first = uploads.create(700, "").id;
   EXPECT_EQ(refusal([&] { uploads.create(301, ""); }), ErrorCode::no_space) << "what the first lacks is spoken for";
+  EXPECT_EQ(refusal([&] { uploads.check_room(301); }), ErrorCode::no_space) << "for everybody";
+  EXPECT_EQ(refusal([&] { uploads.check_room(300); }), std::nullopt);
   uploads.append(first, 0, bytes(std::string(600, 'x')));
   room = 400;
   const std::string second = uploads.create(300, "").id;
