@@ -15,10 +15,11 @@ namespace {
 
 constexpr double kMargin = 0.04;  // of each side of the picture
 
-[[noreturn]] void refuse(const char* field, const std::string& detail) {
-  throw Error(ErrorCode::invalid_argument, "The camera's " + std::string(field) + ' ' + detail + '.',
-              {{field, detail}});
+[[noreturn]] void refuse(const std::vector<FieldError>& faults) {
+  throw Error(ErrorCode::invalid_argument, "The camera's " + faults.front().pointer + ' ' + faults.front().detail + '.',
+              faults);
 }
+[[noreturn]] void refuse(const char* field, const std::string& detail) { refuse({{field, detail}}); }
 
 void look(View view, Camera& camera) {
   switch (view) {
@@ -31,23 +32,16 @@ void look(View view, Camera& camera) {
   }
 }
 
-void require_place(const char* field, Vec3 place) {
-  if (!all_in(ranges::place_mm, place)) refuse(field, "must be three numbers " + ranges::place_mm.words() + " mm");
-}
-
 // Up is made perpendicular to the sight line.
 void look(const Viewpoint& viewpoint, Vec3 middle, Camera& camera) {
-  require_place("position", viewpoint.position);
-  if (viewpoint.look_at) require_place("look_at", *viewpoint.look_at);
   camera.centre = viewpoint.look_at.value_or(middle);
   const Vec3 sight = camera.centre - viewpoint.position;
   const double length = norm(sight);
   if (!(length > 1e-9 * (1 + norm(camera.centre)))) refuse("position", "must differ from the point that it looks at");
   camera.forward = (1 / length) * sight;
   camera.distance = length;
-  Vec3 up = viewpoint.up.value_or(std::abs(camera.forward.z) < 0.999 ? Vec3{0, 0, 1} : Vec3{0, -1, 0});
-  if (!is_direction(up)) refuse("up", "must be three numbers " + ranges::direction.words() + ", not all near zero");
-  up = normalised(up);
+  const Vec3 up =
+      normalised(viewpoint.up.value_or(std::abs(camera.forward.z) < 0.999 ? Vec3{0, 0, 1} : Vec3{0, -1, 0}));
   const Vec3 across = up - dot(up, camera.forward) * camera.forward;
   if (norm(across) < 1e-6) refuse("up", "must not be along the line of sight");
   camera.up = normalised(across);
@@ -112,9 +106,24 @@ Vec3 Camera::seen_at(Vec3 point) const {
   return {dot(v, right) / scale, -dot(v, up) / scale, depth};
 }
 
+std::vector<FieldError> camera_faults(const CameraOptions& options) {
+  std::vector<FieldError> faults;
+  const auto need = [&](bool good, const char* field, const std::string& detail) {
+    if (!good) faults.push_back({field, detail});
+  };
+  need(ranges::field_of_view.holds(options.field_of_view), "field_of_view",
+       "must be " + ranges::field_of_view.words() + " degrees");
+  if (!options.viewpoint) return faults;
+  const auto& [position, look_at, up] = *options.viewpoint;
+  const std::string place = "must be three numbers " + ranges::place_mm.words() + " mm";
+  need(all_in(ranges::place_mm, position), "position", place);
+  need(!look_at || all_in(ranges::place_mm, *look_at), "look_at", place);
+  need(!up || is_direction(*up), "up", "must be three numbers " + ranges::direction.words() + ", not all near zero");
+  return faults;
+}
+
 Camera make_camera(const CameraOptions& options, View view, double turn, const Box& box, int width, int height) {
-  if (!ranges::field_of_view.holds(options.field_of_view))
-    refuse("field_of_view", "must be " + ranges::field_of_view.words() + " degrees");
+  if (const auto faults = camera_faults(options); !faults.empty()) refuse(faults);
   Camera camera;
   camera.projection = options.projection;
   const Vec3 middle = 0.5 * (box.min + box.max);

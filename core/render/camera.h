@@ -5,7 +5,9 @@
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
+#include "core/base/error.h"
 #include "core/base/geometry.h"
 
 namespace spherule {
@@ -64,10 +66,13 @@ struct Camera {
   Vec3 seen_at(Vec3 point) const;
 };
 
+/// What of the options is out of its range (base/ranges.h); empty: nothing.
+std::vector<FieldError> camera_faults(const CameraOptions& options);
+
 /// The camera for a picture of width × height pixels of what is in `box` (mm, not empty): of the view, or of the
 /// viewpoint if there is one, after the viewer has walked `turn` degrees around the picture's middle to the picture's
-/// right. A fitted object has a margin of at least 4 % of each side. Throws invalid_argument for options out of their
-/// ranges, a viewpoint that looks nowhere (position and look_at are one point, up is along the sight line or zero), and
+/// right. A fitted object has a margin of at least 4 % of each side. Throws invalid_argument for camera_faults(), a
+/// viewpoint that looks nowhere (position and look_at are one point, up is along the sight line or zero), and
 /// one that has nothing of the box in its picture.
 Camera make_camera(const CameraOptions& options, View view, double turn, const Box& box, int width, int height);
 

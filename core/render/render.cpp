@@ -56,15 +56,7 @@ void check_render_options(const RenderOptions& o) {
          "must be two numbers " + ranges::colour_range.words() + ", the first below the second");
     need(o.colour_by != ColourBy::contribution || lo > 0, "colour_range", "must be above 0 where it is logarithmic");
   }
-  within(ranges::field_of_view, o.camera.field_of_view, "field_of_view", " degrees");
-  if (o.camera.viewpoint) {
-    const Viewpoint& v = *o.camera.viewpoint;
-    const std::string place = "must be three numbers " + ranges::place_mm.words() + " mm";
-    need(all_in(ranges::place_mm, v.position), "position", place);
-    need(!v.look_at || all_in(ranges::place_mm, *v.look_at), "look_at", place);
-    need(!v.up || is_direction(*v.up), "up",
-         "must be three numbers " + ranges::direction.words() + ", not all near zero");
-  }
+  for (FieldError& fault : camera_faults(o.camera)) fields.push_back(std::move(fault));
   if (!fields.empty())
     throw Error(ErrorCode::invalid_argument,
                 "The picture's " + fields.front().pointer + ' ' + fields.front().detail + '.', fields);
