@@ -30,8 +30,7 @@ inline constexpr double min_level_set_voxel_mm = 2e-5;
 /// coordinate. Precondition: some ball. The same bytes for any thread count.
 /// Space is halved, with the balls that can be the deepest in each part, down to blocks: O(balls + blocks · balls near
 /// them). Memory: 6 KiB a block at the peak, when the tree is written; refused before more is taken. Cancellation is
-/// polled with every block, but not while the tree is written (about a second for the most blocks). Reports stage
-/// "level set".
+/// polled with every block. Reports stage "level set".
 std::string spheres_to_vdb(std::span<const Sphere> balls, double voxel_mm,
                            std::size_t most_blocks = max_level_set_blocks, const Context& context = {});
 

@@ -17,6 +17,7 @@
 #include "core/base/check.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/poll.h"
 #include "core/base/ranges.h"
 #include "core/io/export_grids.h"
 
@@ -235,9 +236,10 @@ void check_nodes(const std::vector<Part>& parts, std::size_t most_blocks) {
 
 openvdb::Coord coord(const Index& i) { return {i[0], i[1], i[2]}; }
 
-void add(openvdb::FloatTree& tree, const Part& part, float background) {
+void add(openvdb::FloatTree& tree, const Part& part, float background, const Context& context) {
   using Leaf = openvdb::FloatTree::LeafNodeType;
   for (const auto& block : part.blocks) {
+    context.throw_if_cancelled();
     auto leaf = std::make_unique<Leaf>(coord(block->low), background, false);
     for (openvdb::Index n = 0; n < Leaf::SIZE; ++n) {
       const float value = block->values[n];
@@ -254,6 +256,7 @@ void add(openvdb::FloatTree& tree, const Part& part, float background) {
     const std::int32_t step = sizes[level];
     for (std::int32_t x = 0; x < cube.size; x += step) {
       for (std::int32_t y = 0; y < cube.size; y += step) {
+        context.throw_if_cancelled();
         for (std::int32_t z = 0; z < cube.size; z += step) {
           tree.addTile(level + 1, coord({cube.low[0] + x, cube.low[1] + y, cube.low[2] + z}), -background, false);
         }
@@ -262,22 +265,42 @@ void add(openvdb::FloatTree& tree, const Part& part, float background) {
   }
 }
 
+// Memory to write to, which hears a cancellation with every piece.
+class HearingBuffer : public std::stringbuf {
+ public:
+  explicit HearingBuffer(const Context& context)
+      : std::stringbuf(std::ios::out | std::ios::binary), context_(context) {}
+
+ protected:
+  std::streamsize xsputn(const char* bytes, std::streamsize count) override {
+    context_.throw_if_cancelled();
+    return std::stringbuf::xsputn(bytes, count);
+  }
+
+ private:
+  const Context& context_;
+};
+
 // Writes to memory what a file would hold.
 class Memory : public openvdb::io::Archive {
  public:
-  std::string write_grid(const openvdb::GridBase::Ptr& grid) const {
-    std::ostringstream out(std::ios::binary);
+  std::string write_grid(const openvdb::GridBase::Ptr& grid, const Context& context) const {
+    HearingBuffer buffer(context);
+    std::ostream out(&buffer);
+    out.exceptions(std::ios::badbit);  // what the buffer throws is not swallowed
     write(out, openvdb::GridCPtrVec{grid}, /*seekable=*/true);
-    return std::move(out).str();
+    return std::move(buffer).str();
   }
 };
 
 // Every archive begins with a random UUID, in characters; ours says what is in it.
-void name_by_content(std::string& bytes) {
+void name_by_content(std::string& bytes, const Context& context) {
   constexpr std::size_t at = 21, length = 36;  // after magic, file and library version, and the flag of offsets
   SPHERULE_CHECK(bytes.size() > at + length && bytes[at + 8] == '-' && bytes[at + 23] == '-');
   std::uint64_t hash = 0xcbf29ce484222325U;  // FNV-1a
+  Poll poll(context, 1U << 20);
   for (const char c : std::string_view(bytes).substr(at + length)) {
+    poll();
     hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
   }
   for (std::size_t i = 0; i < length; ++i) {
@@ -321,10 +344,7 @@ std::string spheres_to_vdb(std::span<const Sphere> spheres, double voxel_mm, std
   auto& tree = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)->tree();
   const auto background = static_cast<float>(level_set_band * voxel_mm);
   tree.root().setBackground(background, /*updateChildNodes=*/false);
-  for (Part& part : parts) {
-    context.throw_if_cancelled();
-    add(tree, std::exchange(part, {}), background);
-  }
+  for (Part& part : parts) add(tree, std::exchange(part, {}), background, context);
   const auto transform = openvdb::math::Transform::createLinearTransform(voxel_mm);
   transform->postTranslate({origin.x, origin.y, origin.z});
   grid->setTransform(transform);
@@ -333,8 +353,8 @@ std::string spheres_to_vdb(std::span<const Sphere> spheres, double voxel_mm, std
   grid->setCreator("Spherule");
   grid->insertMeta("units", openvdb::StringMetadata("mm"));
   grid->insertMeta("frame", openvdb::StringMetadata("LPS"));
-  std::string bytes = Memory().write_grid(grid);
-  name_by_content(bytes);
+  std::string bytes = Memory().write_grid(grid, context);
+  name_by_content(bytes, context);
   return bytes;
 }
 
