@@ -5,9 +5,9 @@
 // long form draws thousands.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <ctime>
 #include <random>
+#include <string_view>
 
 #include "core/base/error.h"
 #include "core/marching_cubes.h"
@@ -15,16 +15,14 @@
 #include "core/render/options.h"
 #include "core/render/render.h"
 #include "tests/core/render/scenes.h"
+#include "tests/long_form.h"
 
 namespace spherule {
 namespace {
 
 using Random = std::mt19937_64;
 
-int how_many(int few, int many) {
-  const char* text = std::getenv("SPHERULE_FAULTS");
-  return text != nullptr && std::string_view(text) == "full" ? many : few;
-}
+int how_many(int few, int many) { return test::long_form() ? many : few; }
 
 std::string_view one_of(std::span<const std::string_view> words, Random& random) {
   return words[random() % words.size()];

@@ -3,10 +3,9 @@
 // Requests that are none, or two: what a stranger without a key may send to a server, at whatever length.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
+#include "tests/long_form.h"
 #include "tests/sockets.h"
 
 namespace spherule::test {
@@ -15,11 +14,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr std::size_t kMiB = 1 << 20;
-
-bool full() {
-  const char* wanted = std::getenv("SPHERULE_FAULTS");
-  return wanted != nullptr && std::string(wanted) == "full";
-}
 
 class Heads : public testing::Test {
  protected:
@@ -39,7 +33,7 @@ class Heads : public testing::Test {
 };
 
 TEST_F(Heads, FloodsCostNoMemory) {
-  const std::size_t bytes = (full() ? 75 : 24) * kMiB;
+  const std::size_t bytes = (long_form() ? 75 : 24) * kMiB;
   ASSERT_EQ(client.get("/livez").status, 200);
   const std::size_t before = server.peak_memory();
   const std::string post = "POST /v1/volumes HTTP/1.1\r\nHost: localhost\r\n",

@@ -5,12 +5,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <functional>
 #include <thread>
 
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
+#include "tests/long_form.h"
 #include "tests/sockets.h"
 
 namespace spherule::test {
@@ -18,11 +18,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-
-bool full() {
-  const char* wanted = std::getenv("SPHERULE_FAULTS");
-  return wanted != nullptr && std::string(wanted) == "full";
-}
 
 // More than the server's 640 threads.
 constexpr int kClients = 700;
@@ -65,7 +60,7 @@ TEST_P(SlowSockets, StopNobody) {
   });
   for (const char* path : {"/livez", "/readyz", "/metrics", "/v1/volumes?limit=1"}) {
     std::vector<double> seconds;
-    for (int i = 0; i < (full() ? 25 : 5); ++i) {
+    for (int i = 0; i < (long_form() ? 25 : 5); ++i) {
       const auto start = Clock::now();
       EXPECT_EQ(client.get(path).status, 200) << path;
       seconds.push_back(std::chrono::duration<double>(Clock::now() - start).count());
