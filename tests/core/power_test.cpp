@@ -16,7 +16,7 @@
 
 #include "core/ball_cell.h"
 #include "core/union.h"
-#include "tests/phantoms.h"
+#include "tests/core/balls.h"
 
 namespace spherule {
 namespace {
@@ -28,16 +28,6 @@ Betti betti_of(const std::vector<Sphere>& balls) {
   const Topology t = union_topology(balls);
   EXPECT_EQ(t.euler_characteristic, t.betti[0] - t.betti[1] + t.betti[2]);
   return t.betti;
-}
-
-std::vector<Sphere> random_balls(std::size_t count, double side, double least, double largest, std::uint64_t seed) {
-  phantoms::Random random(seed);
-  std::vector<Sphere> balls(count);
-  for (Sphere& b : balls) {
-    b.centre = {side * random.unit(), side * random.unit(), side * random.unit()};
-    b.radius = least + (largest - least) * random.unit();
-  }
-  return balls;
 }
 
 TEST(UnionTopology, OfFewBalls) {

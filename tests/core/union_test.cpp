@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "core/pipeline.h"
-#include "tests/phantoms.h"
+#include "tests/core/balls.h"
 
 namespace spherule {
 namespace {
@@ -24,16 +24,6 @@ void expect_near_relative(double actual, double expected, double tolerance) {
 }
 
 UnionMeasures measure(const std::vector<Sphere>& balls) { return measure_union(std::span(balls)); }
-
-std::vector<Sphere> random_balls(std::size_t count, double side, double least, double largest, std::uint64_t seed) {
-  phantoms::Random random(seed);
-  std::vector<Sphere> balls(count);
-  for (Sphere& b : balls) {
-    b.centre = {side * random.unit(), side * random.unit(), side * random.unit()};
-    b.radius = least + (largest - least) * random.unit();
-  }
-  return balls;
-}
 
 TEST(Union, OfNothingIsNothing) {
   const UnionMeasures m = measure({});

@@ -20,17 +20,6 @@ std::string noise(int n) {
   return bytes;
 }
 
-struct Key {
-  std::string token, entry;
-};
-Key make_key(const std::string& name, const std::string& scope) {
-  const Ended made = run_spheruled({"key", name, "--scope", scope});
-  EXPECT_EQ(made.status, 0) << made.output;
-  const std::size_t token = made.output.find("sph_"), entry = made.output.find("\"" + name);
-  return {made.output.substr(token, made.output.find('\n', token) - token),
-          made.output.substr(entry + 1, made.output.find('"', entry + 1) - entry - 1)};
-}
-
 class Jobs : public testing::Test {
  protected:
   static void SetUpTestSuite() {

@@ -54,6 +54,14 @@ Ended run_spheruled(const std::vector<std::string>& arguments) {
   return ended;
 }
 
+Key make_key(const std::string& name, const std::string& scope) {
+  const Ended made = run_spheruled({"key", name, "--scope", scope});
+  if (made.status != 0) throw std::runtime_error("no key: " + made.output);
+  const std::size_t token = made.output.find("sph_"), entry = made.output.find("\"" + name);
+  return {made.output.substr(token, made.output.find('\n', token) - token),
+          made.output.substr(entry + 1, made.output.find('"', entry + 1) - entry - 1)};
+}
+
 ServerProcess::ServerProcess(const std::filesystem::path& data, std::vector<std::string> flags)
     : log_(data.string() + ".log") {
   std::array<int, 2> out{};

@@ -31,6 +31,12 @@ struct Ended {
 /// Runs spheruled with these arguments to its end.
 Ended run_spheruled(const std::vector<std::string>& arguments);
 
+/// What `spheruled key` prints: what a client sends, and what the configuration holds.
+struct Key {
+  std::string token, entry;
+};
+Key make_key(const std::string& name, const std::string& scope);
+
 class ServerProcess {
  public:
   /// Starts spheruled and waits until it says where it listens. Throws runtime_error, with what it said on stderr,

@@ -25,18 +25,6 @@ std::string contents(const fs::path& path) {
   return text.str();
 }
 
-/// What `spheruled key` prints.
-struct Key {
-  std::string token, entry;
-};
-Key make_key(const std::string& name, const std::string& scope) {
-  const Ended made = run_spheruled({"key", name, "--scope", scope});
-  EXPECT_EQ(made.status, 0) << made.output;
-  const std::size_t token = made.output.find("sph_"), entry = made.output.find("\"" + name);
-  return {made.output.substr(token, made.output.find('\n', token) - token),
-          made.output.substr(entry + 1, made.output.find('"', entry + 1) - entry - 1)};
-}
-
 Ask with(const std::string& token, const std::string& body = {}) {
   return {.headers = {{"Authorization", "Bearer " + token}}, .body = body, .type = body.empty() ? "" : "text/plain"};
 }

@@ -65,6 +65,15 @@ class Admission : public testing::Test {
     EXPECT_TRUE(changed.wait_for(lock, 60s, [&] { return started.size() >= count; }));
     return started;
   }
+  /// A job of 40 bytes that runs, and beside it one that grows from 10 to 70, which is returned.
+  JobStatus start_growing(JobPool& pool) {
+    revised = {{"grows", 70}};
+    pool.submit("model", "40", "", "a", 40);
+    await_started(1);
+    JobStatus grows = pool.submit("model", "grows", "", "b", 10);
+    await_started(2);
+    return grows;
+  }
   static JobStatus await(const JobPool& pool, const JobStatus& job, JobState state) {
     for (std::uint64_t seen = 0; pool.status(job.record.id).record.state != state;) {
       const JobEvents news = pool.events(job.record.id, seen, 60s);
@@ -156,12 +165,8 @@ TEST_F(Admission, EstimatesAreCorrectedWhileTheWorkRuns) {
 
 // What a job holds when it learns that it needs more, and that it does not fit beside the others, is freed.
 TEST_F(Admission, AJobThatGrowsBeyondWhatIsLeftWaitsForTheOthers) {
-  revised = {{"grows", 70}};
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  pool.submit("model", "40", "", "a", 40);
-  await_started(1);
-  const JobStatus grows = pool.submit("model", "grows", "", "b", 10);
-  await_started(2);
+  const JobStatus grows = start_growing(pool);
   EXPECT_EQ(await(pool, grows, JobState::queued).queue_position, 0U);
   EXPECT_EQ(pool.load().memory_bytes, 40U);
   EXPECT_EQ(catalog.find_job(grows.record.id)->memory_bytes, 70U) << "for the next start";
@@ -190,12 +195,8 @@ TEST_F(Admission, JobsThatAllGrowComeOneAfterTheOther) {
 }
 
 TEST_F(Admission, AJobThatGaveItsTurnBackCanBeCancelled) {
-  revised = {{"grows", 70}};
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  pool.submit("model", "40", "", "a", 40);
-  await_started(1);
-  const JobStatus grows = pool.submit("model", "grows", "", "b", 10);
-  await_started(2);
+  const JobStatus grows = start_growing(pool);
   await(pool, grows, JobState::queued);
   EXPECT_EQ(pool.cancel(grows.record.id, "b")->record.state, JobState::cancelled);
   EXPECT_EQ(pool.load().memory_bytes, 40U);

@@ -50,6 +50,19 @@ class Jobs : public testing::Test {
   test::ScratchCatalog catalog;
   test::MemoryBlobStore blobs;
 
+  /// As a process that ended leaves a job.
+  void leave(const std::string& id, JobState state, unsigned crashes) {
+    JobRecord job;
+    job.id = id;
+    job.kind = "model";
+    job.result_id = "mdl_" + id;
+    job.request = id;
+    job.state = state;
+    job.crashes = crashes;
+    job.created = now();
+    catalog.add_job(job);
+  }
+
   /// What a well-behaved runner returns.
   Resource result_of(const JobRecord& job) {
     Resource result;
@@ -550,17 +563,6 @@ TEST_F(Jobs, NothingThatIsThrownEndsTheProcess) {
 }
 
 TEST_F(Jobs, TheSecondCrashIsTheLastAndBlamesNobodyElse) {
-  const auto leave = [&](const char* id, JobState state, unsigned crashes) {
-    JobRecord job;
-    job.id = id;
-    job.kind = "model";
-    job.result_id = std::string("mdl_") + id;
-    job.request = id;
-    job.state = state;
-    job.crashes = crashes;
-    job.created = now();
-    catalog.add_job(job);
-  };
   leave("twice", JobState::running, 1);
   leave("once", JobState::running, 0);
   leave("beside", JobState::running, 0);
@@ -583,17 +585,6 @@ TEST_F(Jobs, TheSecondCrashIsTheLastAndBlamesNobodyElse) {
 }
 
 TEST_F(Jobs, TakesUpWhatACrashLeft) {
-  const auto leave = [&](const char* id, JobState state, unsigned crashes) {
-    JobRecord job;
-    job.id = id;
-    job.kind = "model";
-    job.result_id = std::string("mdl_") + id;
-    job.request = id;
-    job.state = state;
-    job.crashes = crashes;
-    job.created = now();
-    catalog.add_job(job);
-  };
   leave("queued", JobState::queued, 2);
   leave("running", JobState::running, 1);
   leave("deadly", JobState::running, 2);
