@@ -5,317 +5,337 @@
 // which is 1 on the ball; the blob is where the sum of all fields is at least 1. So the blob holds every ball, and is
 // held by the balls grown by the blending distance b: as b goes to 0 it becomes their union.
 //
-// Along a ray each field is the square of a quadratic between two places and 0 elsewhere. On a stretch of the ray its
-// second derivative is at most what it is at the stretch's ends: so value and slope of the sum at the beginning and the
-// sum of these bounds give a parabola that stays above the sum on the stretch. A ray walks to where the parabola comes
-// to 1, or to the stretch's end: no root is passed. Near a root stretches are short, the parabola is nearly the sum
-// itself, and steps converge faster than Newton's.
+// Rays meet the cells of blob_cells.h. Along a ray in a cell the sum is one polynomial of degree four, and the square
+// of a quadratic between two places for each field of the cell's list. On a stretch of the ray the second derivative of
+// each is at most what it is at the stretch's ends: so value and slope of the sum at the beginning and the sum of these
+// bounds give a parabola that stays above the sum on the stretch. A ray walks to where the parabola comes to 1, or to
+// the stretch's end: no root is passed. Near a root stretches are short, the parabola is nearly the sum itself, and
+// steps converge faster than Newton's. What a ray finds in a cell depends on the ray and the cell alone.
 //
 // Sources: G. Wyvill, C. McPheeters, B. Wyvill, Data structure for soft objects (1986): fields of finite support;
 // D. Kalra, A. Barr, Guaranteed ray intersections with implicit surfaces (1989): steps by bounds on derivatives.
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
-#include <utility>
+#include <memory>
+#include <mutex>
+#include <tuple>
 
+#include "core/base/poll.h"
 #include "core/base/vectors.h"
+#include "core/box_tree.h"
+#include "core/render/blob_cells.h"
 #include "core/render/trace.h"
 
 namespace spherule {
 namespace {
 
 constexpr std::size_t kLanes = Lanes::most;
-constexpr double kNever = 1e150;  // mm along a ray; its square is finite
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // The sum is computed to fewer than 1000 · 2⁻⁵³ where it is about 1; closer to 1 than this is 1.
 constexpr double kOnSurface = 1e-12;
-// The first stretch, of the way to the end; the next one, of the step that the last one allowed.
-constexpr double kFirstStretch = 0.5, kNextStretch = 2;
+// Two cells differ by less on what the sum is between them.
+constexpr double kBetweenCells = 1e-9;
+// The next stretch, of the step that the last one allowed.
+constexpr double kNextStretch = 2;
 
-struct Source {
-  Vec3 centre;
-  double squared_ball = 0, squared_reach = 0;
-  double strength = 0;  // 1 / (R² - r²)²
+// Numbers of four rays.
+using Four = double __attribute__((vector_size(32), may_alias));
+using Bits = std::int64_t __attribute__((vector_size(32), may_alias));
+constexpr std::size_t kFours = kLanes / 4;
+static_assert(kLanes % 4 == 0);
+
+struct FourTimes {
+  alignas(32) std::array<double, 4> of;
+  Four& all() { return *reinterpret_cast<Four*>(of.data()); }
+  const Four& all() const { return *reinterpret_cast<const Four*>(of.data()); }
 };
 
-// The ways of up to 16 rays through one field: strength · (squared_half - (t - middle)²)² where that is the square of
+// The ways of four rays through one field: strength · (squared_half - (t - middle)²)² where that is the square of
 // something positive.
 struct Crossing {
-  alignas(64) std::array<double, kLanes> middle{};
-  alignas(64) std::array<double, kLanes> squared_half{};  // negative: not on this ray's way, and middle is kNever
+  FourTimes middle, squared_half;
   double strength = 0;
-  std::uint32_t source = 0;
 };
 
-// Rays, and the fields on their ways.
-struct Crossings : Lanes {
-  std::vector<Crossing> list;
-  std::vector<std::uint32_t> order;  // indices of list, by source: sums do not depend on how the fields were found
+// Four rays in a cell. Places on a ray are mm from where it is nearest to the cell's centre, so that they are small
+// numbers wherever the ray starts.
+struct Walk {
+  FourTimes origin;              // where the ray starts
+  FourTimes at, end;             // the part of it that is in the cell, and before a ball of the cell's list
+  FourTimes cell_end;            // the same with balls
+  std::array<FourTimes, 5> sum;  // the cell's own sum: coefficients of 1, t, t² ...
+  std::vector<Crossing> crossings;
+};
+
+#define SPHERULE_INLINE inline __attribute__((always_inline))
+
+SPHERULE_INLINE bool any(const Bits& b) { return (b[0] | b[1] | b[2] | b[3]) != 0; }
+
+// Where four rays are nearest to a cell's centre, from there.
+struct Base {
+  Four x, y, z;
+};
+
+const Four& four(const std::array<double, kLanes>& numbers, std::size_t h) {
+  return reinterpret_cast<const Four*>(numbers.data())[h];
+}
+
+// Narrows the part of four rays to that between two planes.
+SPHERULE_INLINE void between_planes(double half, const Four& place, const Four& direction, Four& in, Four& out) {
+  const Four none{}, d = direction == 0 ? none + 1e-300 : direction;
+  const Four one = (-half - place) / d, two = (half - place) / d;
+  const Four least = one < two ? one : two, most = one < two ? two : one;
+  in = least > in ? least : in, out = most < out ? most : out;
+}
+
+// The cell's own sum along four rays.
+SPHERULE_INLINE void along_rays(const BlobSum& b, const Base& u, const Four& dx, const Four& dy, const Four& dz,
+                                std::array<FourTimes, 5>& out) {
+  const auto& s = b.square;
+  const Four sx = s[0] * u.x + s[3] * u.y + s[4] * u.z, sy = s[3] * u.x + s[1] * u.y + s[5] * u.z,
+             sz = s[4] * u.x + s[5] * u.y + s[2] * u.z;
+  const Four tx = s[0] * dx + s[3] * dy + s[4] * dz, ty = s[3] * dx + s[1] * dy + s[5] * dz,
+             tz = s[4] * dx + s[5] * dy + s[2] * dz;
+  const Four squared = u.x * u.x + u.y * u.y + u.z * u.z;
+  const Four cube_base = b.cube.x * u.x + b.cube.y * u.y + b.cube.z * u.z,
+             cube_along = b.cube.x * dx + b.cube.y * dy + b.cube.z * dz;
+  out[0].all() = b.constant + 4 * (b.linear.x * u.x + b.linear.y * u.y + b.linear.z * u.z) +
+                 (u.x * sx + u.y * sy + u.z * sz) + squared * (b.fourth * squared - 4 * cube_base);
+  out[1].all() = 4 * (b.linear.x * dx + b.linear.y * dy + b.linear.z * dz) + 2 * (dx * sx + dy * sy + dz * sz) -
+                 4 * squared * cube_along;
+  out[2].all() = (dx * tx + dy * ty + dz * tz) - 4 * cube_base + 2 * b.fourth * squared;
+  out[3].all() = -4 * cube_along;
+  out[4].all() = Four{} + b.fourth;
+}
+
+// Puts four rays into a cell: all but the fields of its list. Where the ray's part in it is empty, `end` is below
+// `at`.
+SPHERULE_INLINE Base into_cell(const BlobCell& cell, const Lanes& lanes, std::size_t h, Walk& walk) {
+  const Four dx = four(lanes.dx, h), dy = four(lanes.dy, h), dz = four(lanes.dz, h);
+  Base u{four(lanes.ox, h) - cell.centre.x, four(lanes.oy, h) - cell.centre.y, four(lanes.oz, h) - cell.centre.z};
+  Four along{};
+  for (int turn = 0; turn < 2; ++turn) {  // the second takes what rounding left, of rays from far away
+    const Four step = -(u.x * dx + u.y * dy + u.z * dz);
+    u.x += step * dx, u.y += step * dy, u.z += step * dz, along += step;
+  }
+  Four in = -along, out = Four{} + kInfinity;
+  between_planes(cell.half, u.x, dx, in, out);
+  between_planes(cell.half, u.y, dy, in, out);
+  between_planes(cell.half, u.z, dz, in, out);
+  walk.origin.all() = -along, walk.at.all() = in, walk.end.all() = walk.cell_end.all() = out;
+  along_rays(cell.sum, u, dx, dy, dz, walk.sum);
+  return u;
+}
+
+// The same with the fields of its list.
+SPHERULE_VECTORS
+void enter(const BlobCell& cell, std::span<const std::uint32_t> list, std::span<const BlobField> fields,
+           const Lanes& lanes, std::size_t h, Walk& walk) {
+  const Base u = into_cell(cell, lanes, h, walk);
+  const Four dx = four(lanes.dx, h), dy = four(lanes.dy, h), dz = four(lanes.dz, h), none{};
+  const Four in = walk.at.all();
+  Four out = walk.end.all();
+  walk.crossings.clear();
+  if (!any(in <= out)) return;
+  for (const std::uint32_t i : list) {
+    const BlobField& f = fields[i];
+    const Four x = (f.centre.x - cell.centre.x) - u.x, y = (f.centre.y - cell.centre.y) - u.y,
+               z = (f.centre.z - cell.centre.z) - u.z;
+    const Four along = x * dx + y * dy + z * dz, ax = x - along * dx, ay = y - along * dy, az = z - along * dz;
+    const Four squared_off = ax * ax + ay * ay + az * az, squared_half = f.squared_reach - squared_off;
+    const Four squared_in = (in - along) * (in - along), squared_out = (out - along) * (out - along);
+    const Bits reaches = (squared_half > 0) & (in < out) &
+                         (((along > in) & (along < out)) | (squared_in < squared_half) | (squared_out < squared_half));
+    if (!any(reaches)) continue;
+    Crossing& crossing = walk.crossings.emplace_back();
+    crossing.middle.all() = along, crossing.squared_half.all() = squared_half, crossing.strength = f.strength;
+    const Four squared_chord = f.squared_ball - squared_off;
+    if (!any(squared_chord > 0)) continue;
+    FourTimes chord;
+    chord.all() = squared_chord > 0 ? squared_chord : none;
+    for (double& number : chord.of) number = std::sqrt(number);
+    const Four entry = along - chord.all();
+    const Bits stops = (squared_chord > 0) & (entry >= in) & (entry < out);
+    out = stops ? entry : out;
+  }
+  walk.end.all() = out;
+}
+
+// Value and slope of the sum at a place, and the bound on its second derivative from there to another.
+struct Sums {
+  Four value, slope, bend;
+};
+
+SPHERULE_INLINE void add_up(const Walk& walk, const Four& at, const Four& to, Sums& sums) {
+  const Four none{};
+  const Four k1 = walk.sum[1].all(), k2 = walk.sum[2].all(), k3 = walk.sum[3].all(), k4 = walk.sum[4].all();
+  Four value = walk.sum[0].all() + at * (k1 + at * (k2 + at * (k3 + at * k4)));
+  Four slope = k1 + at * (2 * k2 + at * (3 * k3 + 4 * at * k4));
+  // k4 is not negative: between two places, the second derivative is largest at one of them.
+  const Four here = 2 * k2 + at * (6 * k3 + 12 * at * k4), there = 2 * k2 + to * (6 * k3 + 12 * to * k4);
+  Four bend = here > there ? here : there;
+  for (const Crossing& c : walk.crossings) {
+    const Four squared_half = c.squared_half.all(), a = at - c.middle.all(), b = to - c.middle.all();
+    const Four squared_a = a * a, squared_b = b * b, q = squared_half - squared_a;
+    const Four positive = q > 0 ? q : none, sq = c.strength * positive;
+    value += sq * positive;
+    slope -= 4 * sq * a;
+    // The second derivative is strength · (12 d² - 4 squared_half) at d from the middle, 0 outside.
+    const Four far = squared_a > squared_b ? squared_a : squared_b, d = far < squared_half ? far : squared_half;
+    const Four most = c.strength * (12 * d - 4 * squared_half);
+    const Four apart = a > 0 ? squared_a - squared_half : (b < 0 ? squared_b - squared_half : none - 1);
+    bend += (apart > 0) | (squared_half <= 0) ? none : most;
+  }
+  sums = {value, slope, bend};
+}
+
+// Of four rays, as bits: those that come to the surface, at walk.at; and those that were not below it to begin with.
+struct Outcome {
+  std::uint32_t rise = 0, begin_inside = 0;
+};
+
+// Walks the rays whose bit is in `lanes` until each is on the surface or at its end. `least`: mm that every step makes,
+// below what matters.
+SPHERULE_VECTORS
+Outcome march(Walk& walk, std::uint32_t lanes, double least) {
+  const Four end = walk.end.all(), none{};
+  const Bits nobody{}, lane{1, 2, 4, 8};
+  Bits active = ((lanes + nobody) & lane) != 0, rise{}, begin_inside{};
+  Four at = walk.at.all(), stretch = end - at;
+  FourTimes root;
+  for (bool first = true; any(active); first = false) {
+    const Four ahead = at + stretch, to = ahead < end ? ahead : end;
+    Sums sums;
+    add_up(walk, at, to, sums);
+    const Four missing = 1 - sums.value, squared = sums.slope * sums.slope + 2 * sums.bend * missing;
+    root.all() = squared > 0 ? squared : none;
+    for (double& number : root.of) number = std::sqrt(number);
+    // Where the parabola comes to 1, if it does.
+    const Four below = squared >= 0 ? sums.slope + root.all() : none;
+    const Four rounded = 0x1p-50 * (at > 0 ? at : -at), shortest = rounded > least ? rounded : none + least;
+    const Four wanted = 2 * missing / below, longer = wanted > shortest ? wanted : shortest;
+    const Four next = at + (below > 0 ? longer : none + kInfinity);
+    const Bits arrived = active & (missing <= kOnSurface), going = active & ~arrived, within = next < to;
+    (first ? begin_inside : rise) |= arrived;
+    stretch = within ? kNextStretch * (next - at) : 2 * stretch;
+    at = going ? (within ? next : to) : at;
+    const Bits done = going & ~(at < end);
+    // At the entry into a ball: rounding may hide the surface just before it.
+    rise |= done & (end < walk.cell_end.all());
+    active = going & ~done;
+  }
+  walk.at.all() = at;
+  const auto bits = [](const Bits& b) {
+    return static_cast<std::uint32_t>((b[0] & 1) | (b[1] & 2) | (b[2] & 4) | (b[3] & 8));
+  };
+  return {bits(rise), bits(begin_inside)};
+}
+
+// Value and slope of the sum at walk.at of one ray, and how far below 0 its second derivative may be in the cell.
+struct SumsOfOne {
+  double value, slope, bend;
+};
+SumsOfOne sums_of_one(const Walk& walk, std::size_t k) {
+  const double at = walk.at.of[k];
+  std::array<double, 5> c;
+  for (std::size_t i = 0; i < 5; ++i) c[i] = walk.sum[i].of[k];
+  SumsOfOne s{c[0] + at * (c[1] + at * (c[2] + at * (c[3] + at * c[4]))),
+              c[1] + at * (2 * c[2] + at * (3 * c[3] + 4 * at * c[4])), 0};
+  if (c[4] > 0) s.bend = std::max(0.0, 0.75 * c[3] * c[3] / c[4] - 2 * c[2]);
+  for (const Crossing& crossing : walk.crossings) {
+    const double squared_half = std::max(0.0, crossing.squared_half.of[k]), d = at - crossing.middle.of[k];
+    const double q = std::max(0.0, squared_half - d * d);
+    s.value += crossing.strength * q * q, s.slope -= 4 * crossing.strength * q * d;
+    s.bend += 4 * crossing.strength * squared_half;
+  }
+  return s;
+}
+
+// Rays that look for the surface.
+struct Walkers : Lanes {
+  // Whether a ray starts inside: found out when it matters.
+  enum class Start : std::uint8_t { unknown, outside, inside };
+  std::array<Start, kLanes> starts{};
+  Walk walk;
 
   std::size_t begin(std::span<const Ray> rays) {
-    std::ranges::fill(table_, 0);
-    list.clear();
+    starts = {};
     return load(rays);
   }
-  // Embree may show rays of one packet a box one after the other.
-  Crossing& of(std::uint32_t source) {
-    if (2 * list.size() >= table_.size()) grow();
-    std::uint32_t& entry = table_[slot(source)];
-    if (entry == 0) {
-      entry = static_cast<std::uint32_t>(list.size()) + 1;
-      Crossing& c = list.emplace_back();
-      c.middle.fill(kNever), c.squared_half.fill(-1);
-      c.source = source;
-    }
-    return list[entry - 1];
-  }
-  void sort() {
-    order.resize(list.size());
-    for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
-    std::ranges::sort(order, {}, [&](std::uint32_t i) { return list[i].source; });
-    by_entry_.clear();
-    near_first_ = kInfinity, near_last_ = -kInfinity;
-  }
-  // Of `order`, the fields that may be anything but 0 somewhere between these places on the rays. A ray along a row of
-  // n balls makes some steps in each: it must not look at all n for each step.
-  std::span<const std::uint32_t> between(double first, double last) {
-    if (order.size() <= kFew) return order;
-    const bool within = first >= near_first_ && last <= near_last_;
-    if (within && (near_.size() <= kFew || near_last_ - near_first_ <= 4 * (last - first))) return near_;
-    if (by_entry_.empty()) set_ways();
-    near_.clear();
-    near_first_ = first, near_last_ = last;
-    const auto begin = std::ranges::partition_point(by_entry_, [&](const Way& w) { return w.last_so_far < first; });
-    for (auto w = begin; w != by_entry_.end() && w->first <= last; ++w)
-      if (w->last >= first) near_.push_back(w->rank);
-    std::ranges::sort(near_);
-    for (std::uint32_t& rank : near_) rank = order[rank];
-    return near_;
-  }
-
- private:
-  static constexpr std::size_t kFew = 32;
-  // The part of the rays on which a field may be anything but 0.
-  struct Way {
-    double first, last;
-    double last_so_far;  // the largest `last` of this one and those before
-    std::uint32_t rank;  // in `order`
-  };
-  void set_ways() {
-    for (std::uint32_t rank = 0; rank < order.size(); ++rank) {
-      const Crossing& c = list[order[rank]];
-      Way way{kInfinity, -kInfinity, 0, rank};
-      for (std::size_t k = 0; k < kLanes; ++k) {
-        if (!(c.squared_half[k] > 0)) continue;
-        const double half = std::sqrt(c.squared_half[k]);
-        way.first = std::min(way.first, c.middle[k] - half), way.last = std::max(way.last, c.middle[k] + half);
-      }
-      by_entry_.push_back(way);
-    }
-    std::ranges::sort(by_entry_, {}, &Way::first);
-    double last = -kInfinity;
-    for (Way& way : by_entry_) last = way.last_so_far = std::max(last, way.last);
-  }
-  // Where the source is in the table, or would be.
-  std::size_t slot(std::uint32_t source) const {
-    std::size_t at = (source * 0x9E3779B1U) & (table_.size() - 1);
-    while (table_[at] != 0 && list[table_[at] - 1].source != source) at = (at + 1) & (table_.size() - 1);
-    return at;
-  }
-  void grow() {
-    table_.assign(std::max<std::size_t>(128, 2 * table_.size()), 0);
-    for (std::size_t i = 0; i < list.size(); ++i) table_[slot(list[i].source)] = static_cast<std::uint32_t>(i) + 1;
-  }
-  std::vector<std::uint32_t> table_;  // open addressing: index in list + 1, or 0
-  std::vector<Way> by_entry_;         // made when it is first needed
-  std::vector<std::uint32_t> near_;   // the fields between these places
-  double near_first_ = 0, near_last_ = 0;
 };
 
-// Notes the ways through a field, and the entries into its ball: what lies beyond those is beyond the surface. Returns
-// as bits the lanes that enter the ball before `far`.
-SPHERULE_VECTORS
-std::uint32_t cross(const Source& s, std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
-                    std::size_t end, Crossing& way, bool& any) {
-  alignas(64) std::array<double, kLanes> entries;
-  std::int32_t crosses = 0, enters = 0;
-  for (std::size_t k = begin; k < end; ++k) {
-    const double x = s.centre.x - lanes.ox[k], y = s.centre.y - lanes.oy[k], z = s.centre.z - lanes.oz[k];
-    const double along = x * lanes.dx[k] + y * lanes.dy[k] + z * lanes.dz[k];
-    const double ax = x - along * lanes.dx[k], ay = y - along * lanes.dy[k], az = z - along * lanes.dz[k];
-    const double squared_off = ax * ax + ay * ay + az * az, squared_half = s.squared_reach - squared_off;
-    const double half = std::sqrt(squared_half > 0 ? squared_half : 0), late = along - half - lanes.far[k];
-    const bool on_way = (static_cast<int>(squared_half > 0) & static_cast<int>(along + half > 0) &
-                         static_cast<int>(late <= 0) & static_cast<int>(valid[k] != 0)) != 0;
-    way.middle[k] = on_way ? along : kNever;
-    way.squared_half[k] = on_way ? squared_half : -1;
-    const double squared_chord = s.squared_ball - squared_off;
-    const double entry = along - std::sqrt(squared_chord > 0 ? squared_chord : 0);
-    const bool in = (static_cast<int>(squared_chord > 0) & static_cast<int>(entry >= 0) &
-                     static_cast<int>(entry <= lanes.far[k]) & static_cast<int>(on_way)) != 0;
-    entries[k] = in ? entry : -1;
-    crosses |= static_cast<std::int32_t>(on_way);
-    enters |= static_cast<std::int32_t>(in);
-  }
-  any = crosses != 0;
-  std::uint32_t met = 0;
-  if (enters == 0) return met;
-  for (std::size_t k = begin; k < end; ++k) {
-    if (entries[k] < 0 || (entries[k] == lanes.far[k] && index >= lanes.primitive[k])) continue;
-    lanes.far[k] = entries[k];
-    lanes.primitive[k] = index;
-    met |= 1U << k;
-  }
-  return met;
+BlobField field_of(const Sphere& s, double blend) {
+  const double reach = s.radius + blend, gap = blend * (2 * s.radius + blend);
+  return {s.centre, s.radius * s.radius, reach * reach, 1 / (gap * gap)};
 }
 
-// Rays on the stretch of their way where the sum may come to 1.
-struct Walk {
-  alignas(64) std::array<double, kLanes> at, end;       // mm along the ray
-  alignas(64) std::array<std::int32_t, kLanes> active;  // 1, or 0: at the end, or on the surface
-  alignas(64) std::array<std::int32_t, kLanes> met;     // 1: stopped where the sum is 1
-};
-
-// From the first field to the last, or to the entry into a ball.
-SPHERULE_VECTORS
-void start(const Crossings& ways, Walk& walk) {
-  alignas(64) std::array<double, kLanes> first, last, peaks{};
-  first.fill(kInfinity), last.fill(0);
-  for (const Crossing& c : ways.list)
-    for (std::size_t k = 0; k < kLanes; ++k) {
-      const double squared = c.squared_half[k] > 0 ? c.squared_half[k] : 0, half = std::sqrt(squared);
-      const double in = squared > 0 ? c.middle[k] - half : kInfinity, out = squared > 0 ? c.middle[k] + half : 0;
-      first[k] = in < first[k] ? in : first[k];
-      last[k] = out > last[k] ? out : last[k];
-      peaks[k] += c.strength * squared * squared;
-    }
-  for (std::size_t k = 0; k < kLanes; ++k) {
-    walk.at[k] = first[k] > 0 ? first[k] : 0;
-    walk.end[k] = last[k] < ways.far[k] ? last[k] : ways.far[k];
-    walk.active[k] = peaks[k] >= 1 - kOnSurface && walk.at[k] < walk.end[k] ? 1 : 0;
-    walk.met[k] = 0;
-  }
-}
-
-// Numbers of eight rays.
-using Eight = double __attribute__((vector_size(64), may_alias));
-constexpr std::size_t kEights = kLanes / 8;
-Eight* eights(std::array<double, kLanes>& numbers) { return reinterpret_cast<Eight*>(numbers.data()); }
-const Eight* eights(const std::array<double, kLanes>& numbers) {
-  return reinterpret_cast<const Eight*>(numbers.data());
-}
-
-// Value and slope of the sum at walk.at, and the bound on its second derivative from there to `to`.
-struct Sums {
-  alignas(64) std::array<double, kLanes> value{}, slope{}, bend{};
-};
-
-SPHERULE_VECTORS
-void add_up(const std::vector<Crossing>& list, std::span<const std::uint32_t> some, const Walk& walk,
-            const std::array<double, kLanes>& to, Sums& sums) {
-  for (std::size_t h = 0; h < kEights; ++h) {
-    const Eight at = eights(walk.at)[h], next = eights(to)[h], none{};
-    Eight value{}, slope{}, bend{};
-    for (const std::uint32_t i : some) {
-      const Crossing& c = list[i];
-      const Eight squared_half = eights(c.squared_half)[h], a = at - eights(c.middle)[h],
-                  b = next - eights(c.middle)[h];
-      const Eight squared_a = a * a, squared_b = b * b, q = squared_half - squared_a;
-      const Eight positive = q > 0 ? q : none, sq = c.strength * positive;
-      value += sq * positive;
-      slope -= 4 * sq * a;
-      // The second derivative is strength · (12 d² - 4 squared_half) at d from the middle, 0 outside.
-      const Eight far = squared_a > squared_b ? squared_a : squared_b, d = far < squared_half ? far : squared_half;
-      const Eight most = c.strength * (12 * d - 4 * squared_half);
-      const Eight apart = a > 0 ? squared_a - squared_half : (b < 0 ? squared_b - squared_half : none - 1);
-      bend += apart > 0 ? none : most;
-    }
-    eights(sums.value)[h] = value, eights(sums.slope)[h] = slope, eights(sums.bend)[h] = bend;
-  }
-}
-
-// A step that is no shorter than `least` and gets somewhere, though `at` is rounded.
-double step_from(double at, double step, double least) { return std::max({step, least, 0x1p-50 * at}); }
-
-// Walks until every ray is on the surface or at its end. `least`: mm that every step makes, below what matters.
-void march(Crossings& ways, double least, const Context& context, Walk& walk) {
-  alignas(64) std::array<double, kLanes> stretch, to;
-  Sums sums;
-  for (std::size_t k = 0; k < kLanes; ++k) stretch[k] = kFirstStretch * (walk.end[k] - walk.at[k]);
-  for (bool going = true; going;) {
-    context.throw_if_cancelled();
-    going = false;
-    // Rays that are ahead wait, so that all look at the same few fields.
-    double first = kInfinity, last = 0, reached = 0;
-    for (std::size_t k = 0; k < kLanes; ++k) {
-      to[k] = std::min(walk.at[k] + stretch[k], walk.end[k]);
-      if (walk.active[k] != 0 && walk.at[k] < first) first = walk.at[k], reached = to[k];
-    }
-    for (std::size_t k = 0; k < kLanes; ++k)
-      if (walk.active[k] != 0 && walk.at[k] <= reached) last = std::max(last, to[k]);
-    add_up(ways.list, ways.between(first, last), walk, to, sums);
-    for (std::size_t k = 0; k < kLanes; ++k) {
-      if (walk.active[k] == 0) continue;
-      if (walk.at[k] > reached) {
-        going = true;
-        continue;
-      }
-      const double missing = 1 - sums.value[k];
-      if (missing <= kOnSurface) {
-        walk.met[k] = 1, walk.active[k] = 0;
-        continue;
-      }
-      // Where the parabola comes to 1, if it does.
-      const double slope = sums.slope[k], squared = slope * slope + 2 * sums.bend[k] * missing;
-      const double below = squared >= 0 ? slope + std::sqrt(squared) : 0;
-      const double step = below > 0 ? step_from(walk.at[k], 2 * missing / below, least) : kInfinity;
-      if (walk.at[k] + step < to[k]) {
-        walk.at[k] += step, stretch[k] = kNextStretch * step;
-      } else {
-        walk.at[k] = to[k], stretch[k] *= 2;
-        if (!(walk.at[k] < walk.end[k])) walk.active[k] = 0;
-      }
-      going = going || walk.active[k] != 0;
+// Of balls that are the same there is one, stronger.
+std::vector<BlobField> different_fields(std::span<const Sphere> spheres, double blend, const Context& context) {
+  std::vector<Sphere> sorted;
+  for (const Sphere& s : spheres)
+    if (s.radius > 0) sorted.push_back(s);
+  Poll poll(context);
+  const auto key = [](const Sphere& s) { return std::tuple(s.centre.x, s.centre.y, s.centre.z, s.radius); };
+  std::sort(sorted.begin(), sorted.end(),
+            Polled(poll, [&](const Sphere& a, const Sphere& b) { return key(a) < key(b); }));
+  std::vector<BlobField> fields;
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    const BlobField field = field_of(sorted[i], blend);
+    if (i > 0 && sorted[i] == sorted[i - 1]) {
+      fields.back().strength += field.strength;
+    } else {
+      fields.push_back(field);
     }
   }
+  return fields;
 }
 
 class Blobs final : public Tracer, private Primitives {
  public:
   Blobs(std::span<const Sphere> spheres, double blend, const Context& context)
-      : context_{.threads = 1, .cancel = context.cancel, .progress = {}} {
-    for (const Sphere& s : spheres) {
-      const double reach = s.radius + blend, gap = blend * (2 * s.radius + blend);
-      sources_.push_back({s.centre, s.radius * s.radius, reach * reach, 1 / (gap * gap)});
-      if (s.radius > 0) bounds_.include(Sphere{s.centre, reach});
-    }
+      : context_{.threads = 1, .cancel = context.cancel, .progress = {}},
+        spheres_(spheres),
+        blend_(blend),
+        fields_(different_fields(spheres, blend, context)) {
+    for (const Sphere& s : spheres)
+      if (s.radius > 0) bounds_.include(Sphere{s.centre, s.radius + blend});
     if (!bounds_.empty()) lift_ = 1e-6 * norm(bounds_.max - bounds_.min);
+    cells_ = blob_cells(fields_, context);
     hierarchy_.emplace(static_cast<const Primitives&>(*this), context);
   }
 
   Box bounds() const override { return bounds_; }
   void first_hits(std::span<const Ray> rays, std::span<Hit> hits) const override {
-    const auto find = [&](Crossings& ways, std::size_t count) { hierarchy_->nearest(ways, count, true); };
-    for_each_ray(rays, find, [&](std::size_t ray, const Crossings& ways, const Walk& walk, std::size_t lane) {
-      // Nothing, or a ball's entry: rounding may hide the surface just before it.
-      Hit& hit = hits[ray] = {ways.far[lane], ways.primitive[lane], {}};
-      if (walk.met[lane] != 0) hit.distance = walk.at[lane];
-      if (walk.met[lane] != 0 || hit) describe(ways, lane, rays[ray].origin, hit);
-    });
+    Walkers walkers;
+    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      context_.throw_if_cancelled();
+      const std::size_t count = walkers.begin(rays.subspan(begin));
+      hierarchy_->nearest(walkers, count, true);
+      for (std::size_t i = 0; i < count; ++i) {
+        Hit& hit = hits[begin + i] = {walkers.far[i], walkers.primitive[i], {}};
+        const Ray& ray = rays[begin + i];
+        if (hit)
+          hit.out = -derivatives(cells_.cells[hit.primitive], ray.origin + hit.distance * ray.direction).gradient;
+      }
+    }
   }
 
   void blocked(std::span<const Ray> rays, std::span<std::uint8_t> blocked, bool alike) const override {
-    const auto find = [&](Crossings& ways, std::size_t count) { hierarchy_->any(ways, count, alike); };
-    for_each_ray(rays, find, [&](std::size_t ray, const Crossings& ways, const Walk& walk, std::size_t lane) {
-      blocked[ray] = ways.primitive[lane] != no_primitive || walk.met[lane] != 0;
-    });
+    Walkers walkers;
+    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+      context_.throw_if_cancelled();
+      const std::size_t count = walkers.begin(rays.subspan(begin));
+      hierarchy_->any(walkers, count, alike);
+      for (std::size_t i = 0; i < count; ++i) blocked[begin + i] = walkers.primitive[i] != no_primitive;
+    }
   }
 
   bool inside(Vec3 point) const override {
-    double sum = 0;
-    visit(point, [&](std::uint32_t, double field) { sum += field; });
-    return sum >= 1;
+    const auto [inside, cell] = cells_.locate(point);
+    return cell ? value_in(cells_.cells[*cell], point) >= 1 : inside;
   }
 
   Place place(const Ray& ray, const Hit& hit) const override {
@@ -325,144 +345,156 @@ class Blobs final : public Tracer, private Primitives {
     return {point, normal, point + lift_ * normal};
   }
 
-  Colour colour(Vec3 point, const Hit& hit, std::span<const Colour> table) const override {
+  Colour colour(Vec3 point, const Hit&, std::span<const Colour> table) const override {
     Colour sum;
-    double weights = 0;
-    visit(point, [&](std::uint32_t i, double field) { sum = sum + field * table[i], weights += field; });
-    return weights > 0 ? 1 / weights * sum : table[hit.primitive];
+    double wfours = 0;
+    Box box;
+    box.include(point);
+    tree().for_each_overlap(box, [&](std::size_t n) {
+      const std::uint32_t i = tree().order()[n];
+      const BlobField f = field_of(spheres_[i], blend_);
+      const double q = f.squared_reach - squared_norm(point - f.centre);
+      if (!(q > 0) || !(f.squared_ball > 0)) return;
+      const double field = f.strength * q * q;
+      sum = sum + field * table[i], wfours += field;
+    });
+    return wfours > 0 ? 1 / wfours * sum : sum;
   }
 
   // Of the level set of -sum, whose gradient g points out: (|g|² tr H - gᵀ H g) / (2 |g|³).
-  double curvature(Vec3 point, const Hit&) const override {
-    Vec3 gradient;
-    Mat3 hessian{{Vec3{}, Vec3{}, Vec3{}}};
-    visit(point, [&](std::uint32_t i, double) {
-      const Source& s = sources_[i];
-      const Vec3 v = point - s.centre;
-      const double q = s.squared_reach - squared_norm(v);
-      gradient = gradient + 4 * s.strength * q * v;
-      for (int r = 0; r < 3; ++r) {
-        hessian.rows[static_cast<std::size_t>(r)] =
-            hessian.rows[static_cast<std::size_t>(r)] - 8 * s.strength * v[r] * v;
-        hessian.rows[static_cast<std::size_t>(r)][r] += 4 * s.strength * q;
-      }
-    });
+  double curvature(Vec3 point, const Hit& hit) const override {
+    const auto [gradient, hessian] = derivatives(cells_.cells[hit.primitive], point);
     const double squared = squared_norm(gradient);
     const double trace = hessian.rows[0].x + hessian.rows[1].y + hessian.rows[2].z;
-    return squared > 0 ? (squared * trace - dot(gradient, hessian * gradient)) / (2 * squared * std::sqrt(squared)) : 0;
+    const double bent = dot(gradient, hessian * gradient) - squared * trace;
+    return squared > 0 ? bent / (2 * squared * std::sqrt(squared)) : 0;
   }
   std::vector<double> typical_curvatures() const override {
     std::vector<double> all;
-    for (const Source& s : sources_)
-      if (s.squared_ball > 0) all.push_back(1 / std::sqrt(s.squared_ball));
+    for (const Sphere& s : spheres_)
+      if (s.radius > 0) all.push_back(1 / s.radius);
     return all;
   }
 
  private:
-  std::size_t size() const override { return sources_.size(); }
-  Box box(std::size_t index) const override {
-    const Source& s = sources_[index];
-    Box box;
-    // A ball of radius 0 is no ball; its box is a point that no field comes from.
-    box.include(Sphere{s.centre, s.squared_ball > 0 ? std::sqrt(s.squared_reach) : 0});
-    return box;
-  }
+  std::size_t size() const override { return cells_.cells.size(); }
+  Box box(std::size_t index) const override { return cells_.box(cells_.cells[index], fields_); }
 
-  std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t begin,
-                     std::size_t end) const override {
-    const Source& s = sources_[index];
-    if (!(s.squared_ball > 0)) return 0;
-    Crossing way;
-    bool any = false;
-    const std::uint32_t met = cross(s, index, lanes, valid, begin, end, way, any);
-    if (!any) return met;
-    Crossing& noted = static_cast<Crossings&>(lanes).of(index);
-    noted.strength = s.strength;
-    for (std::size_t k = begin; k < end; ++k)
-      if (valid[k] != 0) noted.middle[k] = way.middle[k], noted.squared_half[k] = way.squared_half[k];
+  std::uint32_t meet(std::uint32_t index, Lanes& lanes, const int* valid, std::size_t, std::size_t) const override {
+    auto& walkers = static_cast<Walkers&>(lanes);
+    const BlobCell& cell = cells_.cells[index];
+    Walk& walk = walkers.walk;
+    std::uint32_t met = 0;
+    for (std::size_t h = 0; h < kFours; ++h) {
+      const int* const wanted = valid + 4 * h;
+      if (std::none_of(wanted, wanted + 4, [](int v) { return v != 0; })) continue;
+      enter(cell, cells_.list(cell), fields_, lanes, h, walk);
+      std::uint32_t on = 0;
+      for (std::size_t k = 0; k < 4; ++k)
+        if (wanted[k] != 0 && walk.at.of[k] <= walk.end.of[k] &&
+            walk.at.of[k] - walk.origin.of[k] <= lanes.far[4 * h + k])
+          on |= 1U << k;
+      Outcome outcome = march(walk, on, 1e-6 * lift_);
+      for (; outcome.begin_inside != 0; outcome.begin_inside &= outcome.begin_inside - 1) {
+        const auto k = static_cast<std::size_t>(std::countr_zero(outcome.begin_inside));
+        if (rises_later(walkers, 4 * h + k, k)) outcome.rise |= 1U << k;
+      }
+      for (; outcome.rise != 0; outcome.rise &= outcome.rise - 1) {
+        const auto k = static_cast<std::size_t>(std::countr_zero(outcome.rise)), lane = 4 * h + k;
+        const double distance = walk.at.of[k] - walk.origin.of[k];
+        if (distance > lanes.far[lane] || (distance == lanes.far[lane] && index >= lanes.primitive[lane])) continue;
+        lanes.far[lane] = distance, lanes.primitive[lane] = index;
+        met |= 1U << lane;
+      }
+    }
     return met;
   }
 
-  // Packet by packet: `find` has the hierarchy find the ways through fields, the rays walk, and use(ray, ways, walk,
-  // lane) takes what came of each.
-  template <typename Find, typename Use>
-  void for_each_ray(std::span<const Ray> rays, Find&& find, Use&& use) const {
-    Crossings ways;
-    Walk walk;
-    for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
-      context_.throw_if_cancelled();
-      const std::size_t count = ways.begin(rays.subspan(begin));
-      find(ways, count);
-      ways.sort();
-      walk_in(ways, count, walk);
-      for (std::size_t i = 0; i < count; ++i) use(begin + i, ways, walk, i);
+  // Whether a ray whose part in a cell begins inside comes to the surface from outside, and where. One that starts
+  // inside has not entered then, and first leaves; any other has entered at the cell's side.
+  bool rises_later(Walkers& walkers, std::size_t lane, std::size_t k) const {
+    using Start = Walkers::Start;
+    Walk& walk = walkers.walk;
+    if (walk.at.of[k] > walk.origin.of[k]) {
+      Start& start = walkers.starts[lane];
+      if (start == Start::unknown)
+        start = inside({walkers.ox[lane], walkers.oy[lane], walkers.oz[lane]}) ? Start::inside : Start::outside;
+      if (start == Start::outside) return true;
+      const SumsOfOne sums = sums_of_one(walk, k);
+      if (sums.value <= 1 + kBetweenCells && sums.slope > 0) return true;
     }
+    walk.end.of[k] = walk.cell_end.of[k];
+    if (!walk_out(walk, k)) return false;
+    return march(walk, 1U << k, 1e-6 * lift_).rise != 0;
   }
 
-  // Walks the first `count` rays to where they enter.
-  void walk_in(Crossings& ways, std::size_t count, Walk& walk) const {
-    start(ways, walk);
-    bool any = false;
-    for (std::size_t k = 0; k < kLanes; ++k) {
-      if (k >= count) walk.active[k] = 0;
-      if (walk.active[k] != 0 && walk.at[k] == 0) walk_out(ways, k, walk);
-      any = any || walk.active[k] != 0;
+  // Walks to where the ray leaves, if that is in the cell.
+  bool walk_out(Walk& walk, std::size_t k) const {
+    double& at = walk.at.of[k];
+    while (at < walk.end.of[k]) {
+      const SumsOfOne sums = sums_of_one(walk, k);
+      const double over = sums.value - 1;
+      if (over < -kOnSurface) return true;
+      const double below = std::sqrt(sums.slope * sums.slope + 2 * sums.bend * std::max(0.0, over)) - sums.slope;
+      const double step = over > 0 ? (below > 0 ? 2 * over / below : kInfinity) : 0;
+      at += std::max({step, 1e-6 * lift_, 0x1p-50 * std::abs(at)});
     }
-    if (any) march(ways, 1e-6 * lift_, context_, walk);
+    return false;
   }
 
-  // A ray may start inside; it has not entered then, and first leaves. The second derivative of a field is nowhere
-  // below -4 strength · squared_half.
-  void walk_out(const Crossings& ways, std::size_t k, Walk& walk) const {
-    for (;;) {
-      double value = 0, slope = 0, bend = 0;
-      for (const std::uint32_t i : ways.order) {
-        const Crossing& c = ways.list[i];
-        const double squared_half = std::max(0.0, c.squared_half[k]), d = walk.at[k] - c.middle[k];
-        const double q = std::max(0.0, squared_half - d * d);
-        value += c.strength * q * q, slope -= 4 * c.strength * q * d, bend += 4 * c.strength * squared_half;
-      }
-      const double over = value - 1;
-      if (over < -kOnSurface) return;
-      const double step = over > 0 ? 2 * over / (std::sqrt(slope * slope + 2 * bend * over) - slope) : 0;
-      walk.at[k] += step_from(walk.at[k], step, 1e-6 * lift_);
-      if (walk.at[k] >= walk.end[k]) walk.active[k] = 0;
-      if (walk.active[k] == 0) return;
+  double value_in(const BlobCell& cell, Vec3 point) const {
+    double sum = cell.sum.value(point - cell.centre);
+    for (const std::uint32_t i : cells_.list(cell)) {
+      const double q = fields_[i].squared_reach - squared_norm(point - fields_[i].centre);
+      if (q > 0) sum += fields_[i].strength * q * q;
     }
+    return sum;
   }
 
-  // Sets the strongest source and the direction to the outside.
-  void describe(const Crossings& ways, std::size_t k, Vec3 origin, Hit& hit) const {
-    const Vec3 point = origin + hit.distance * Vec3{ways.dx[k], ways.dy[k], ways.dz[k]};
-    double most = -1;
-    for (const std::uint32_t i : ways.order) {
-      const Crossing& c = ways.list[i];
-      const double d = hit.distance - c.middle[k], q = c.squared_half[k] - d * d;
+  // Of the sum at a point of a cell.
+  struct Derivatives {
+    Vec3 gradient;
+    Mat3 hessian;
+  };
+  Derivatives derivatives(const BlobCell& cell, Vec3 point) const {
+    const Vec3 u = point - cell.centre;
+    Derivatives d{cell.sum.gradient(u), cell.sum.hessian(u)};
+    for (const std::uint32_t i : cells_.list(cell)) {
+      const BlobField& f = fields_[i];
+      const Vec3 v = point - f.centre;
+      const double q = f.squared_reach - squared_norm(v);
       if (!(q > 0)) continue;
-      if (c.strength * q * q > most) most = c.strength * q * q, hit.primitive = c.source;
-      hit.out = hit.out + c.strength * q * (point - sources_[c.source].centre);
+      d.gradient = d.gradient - 4 * f.strength * q * v;
+      for (int r = 0; r < 3; ++r) {
+        Vec3& row = d.hessian.rows[static_cast<std::size_t>(r)];
+        row = row + 8 * f.strength * v[r] * v;
+        row[r] -= 4 * f.strength * q;
+      }
     }
+    return d;
   }
 
-  // Calls f(source, field) for every field at a point, in the sources' order.
-  template <typename F>
-  void visit(Vec3 point, F f) const {
-    Crossings ways;
-    const Ray ray{point, {0, 0, 1}, lift_};
-    hierarchy_->nearest(ways, ways.begin(std::span(&ray, 1)), false);
-    ways.sort();
-    for (const std::uint32_t i : ways.order) {
-      const Source& s = sources_[ways.list[i].source];
-      const double q = s.squared_reach - squared_norm(point - s.centre);
-      if (q > 0) f(ways.list[i].source, s.strength * q * q);
-    }
+  // Of the fields' reach; made when colours are asked for.
+  const BoxTree& tree() const {
+    std::call_once(tree_once_, [&] {
+      std::vector<Box> boxes(spheres_.size());
+      for (std::size_t i = 0; i < boxes.size(); ++i)
+        boxes[i].include(Sphere{spheres_[i].centre, spheres_[i].radius + blend_});
+      tree_.emplace(boxes, context_);
+    });
+    return *tree_;
   }
 
   Context context_;  // only to hear a cancel
-  std::vector<Source> sources_;
+  std::span<const Sphere> spheres_;
+  double blend_;
+  std::vector<BlobField> fields_;  // of the cells
   Box bounds_;
   double lift_ = 0;
+  BlobCells cells_;
   std::optional<Hierarchy> hierarchy_;
+  mutable std::once_flag tree_once_;
+  mutable std::optional<BoxTree> tree_;
 };
 
 }  // namespace

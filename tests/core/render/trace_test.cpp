@@ -258,6 +258,70 @@ TEST(Blobs, OfManyBallsAgainstTheFieldItself) {
   for (const double blend : {0.2, 1.5}) expect_rises(model.spheres, blend, rays_at(14, 300), 90);
 }
 
+// So many lie in each other that all are summed up in polynomials, cell by cell.
+TEST(Blobs, OfBallsInEachOtherAgainstTheFieldItself) {
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> unit;
+  std::vector<Sphere> balls;
+  for (int i = 0; i < 80; ++i) balls.push_back({{3 * unit(random), unit(random), unit(random)}, 0.2 + unit(random)});
+  for (int i = 0; i < 30; ++i) balls.push_back({{5, 0, 0}, 1});
+  for (const double blend : {0.05, 0.4, 3.0}) {
+    expect_rises(balls, blend, rays_at(3.2, 40), 30);
+    const auto tracer = trace_blobs(balls, blend, {});
+    for (int i = 0; i < 3000; ++i) {
+      const Vec3 point{-4 + 14 * unit(random), -4 + 9 * unit(random), -4 + 9 * unit(random)};
+      const double sum = field(balls, blend, point);
+      if (std::abs(sum - 1) > 1e-9) {
+        ASSERT_EQ(tracer->inside(point), sum > 1) << sum;
+      }
+    }
+  }
+}
+
+// A ray that starts inside has not entered, and first leaves, through however many cells.
+TEST(Blobs, AreEnteredAgainByRaysThatStartInside) {
+  std::mt19937_64 random(9);
+  std::uniform_real_distribution<double> unit;
+  std::vector<Sphere> balls;
+  for (int i = 0; i < 60; ++i)
+    for (const double x : {0., 6.})
+      balls.push_back({{x + unit(random), unit(random), unit(random)}, 0.3 + unit(random)});
+  const auto tracer = trace_blobs(balls, 0.4, {});
+  int again = 0;
+  for (const Ray& aimed : rays_at(3, 200)) {
+    const Ray ray{{0.5, 0.5, 0.5}, aimed.direction};
+    double slow = std::numeric_limits<double>::infinity();
+    bool left = false;
+    for (int i = 1; i <= 4000 && slow > 20; ++i) {
+      const double t = 0.004 * i, sum = field(balls, 0.4, ray.origin + t * ray.direction);
+      left = left || sum < 1;
+      if (left && sum >= 1) slow = t;
+    }
+    const auto hit = tracer->first_hit(ray);
+    ASSERT_EQ(hit.has_value(), slow < 20);
+    ASSERT_EQ(tracer->blocked(ray), slow < 20);
+    if (!hit) continue;
+    ASSERT_LT(hit->distance, slow + 1e-9);
+    ASSERT_GT(hit->distance, slow - 0.004 - 1e-9);
+    ++again;
+  }
+  EXPECT_GT(again, 5);
+}
+
+// All fields end on one sphere; a ray must not ask each of them.
+TEST(Blobs, InOnePlaceTakeNoLongerThanOne) {
+  const std::vector<Sphere> one{{{0, 0, 0}, 1}}, many(10'000, one[0]);
+  const auto seconds = [](std::span<const Sphere> balls) {
+    const auto begin = std::clock();
+    const auto tracer = trace_blobs(balls, 0.5, {});
+    const auto rays = rays_at(2, 20'000);
+    std::vector<Hit> hits(rays.size());
+    tracer->first_hits(rays, hits);
+    return static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+  };
+  EXPECT_LT(seconds(many), 2 * seconds(one) + 0.5);
+}
+
 TEST(Blobs, FirstRiseIsTheFirst) {
   // A row of blobs that barely do or do not reach 1 between their balls, met end on and across.
   std::vector<Sphere> row;
