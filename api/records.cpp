@@ -15,15 +15,15 @@ namespace {
 // Changes when pictures do, so that those kept by an older program are drawn anew.
 constexpr int kPictureEdition = 6;
 // Changes with the bytes of tables of spheres: 2 has float64 wherever numbers are binary.
-constexpr int kTableEdition = 2;
+constexpr int kTableEdition = 3;
 // Changes with what any file for another program holds.
-constexpr int kFileEdition = 2;
+constexpr int kFileEdition = 3;
 
 // Members ascend, which with dump() is the canonical form.
 using Json = nlohmann::json;
 
 // Changes when the document of measures does, so that answers kept by an older program are made anew.
-constexpr int kMeasuresEdition = 4;
+constexpr int kMeasuresEdition = 5;
 
 Json to_json(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
 Vec3 vec_from(const Json& json) { return {json.at(0), json.at(1), json.at(2)}; }

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/elementary.h"
 #include "core/base/vectors.h"
 
 namespace spherule {
@@ -51,7 +52,9 @@ class AngleSum {
     if (std::abs(cosine_) + std::abs(sine_) < 0x1p-500) cosine_ *= 0x1p500, sine_ *= 0x1p500;
   }
   void add_turn() { ++turns_; }
-  double sum() const { return kTwoPi * turns_ + std::atan2(sine_ + 0.0, cosine_); }  // -0 is on the upper side, too
+  double sum() const {
+    return kTwoPi * turns_ + elementary::atan2(sine_ + 0.0, cosine_);
+  }  // -0 is on the upper side, too
 
  private:
   double cosine_ = 1, sine_ = 0;
@@ -137,7 +140,7 @@ bool BallCell::Outline::may_be_circle(double disk_squared) const {
 // About the foot, in the axes `right`, `up`.
 void BallCell::Outline::finish(double disk_squared, bool circle) {
   // Arcs do not overlap, so together they are at most one turn; rounding may turn nothing a little backwards.
-  arcs_ = std::atan2(sine_, cosine_);
+  arcs_ = elementary::atan2(sine_, cosine_);
   if (circle || (arcs_ < 0 && std::abs(sine_) > 0x1p-20 * cosine_)) arcs_ += kTwoPi;
   area_ = (triangles_ + disk_squared * arcs_) / 2;
   first_.x = triangles_first_.x / 6 + disk_squared / 3 * arcs_first_.x;

@@ -10,6 +10,7 @@
 
 #include "core/base/check.h"
 #include "core/base/disjoint_sets.h"
+#include "core/base/elementary.h"
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
@@ -230,7 +231,7 @@ RadiusHistogram radius_histogram(std::span<const Sphere> spheres, std::size_t bu
   if (histogram.zero_radius == spheres.size()) return histogram;
   histogram.min_mm = least;
   histogram.max_mm = most;
-  const auto place = [&](double radius) { return logarithmic ? std::log(radius) : radius; };
+  const auto place = [&](double radius) { return logarithmic ? elementary::log(radius) : radius; };
   const double from = place(least), width = (place(most) - from) / static_cast<double>(buckets);
   for (const Sphere& s : spheres) {
     if (logarithmic && !(s.radius > 0)) continue;
@@ -246,7 +247,7 @@ Observations observations(const SphereModel& model, double density_mm, double te
   const BoundaryPoints& boundary = model.solid->boundary;
   const auto points = static_cast<double>(boundary.points.size());
   return {.excess_volume_mm3 = {.value = spheres_volume_mm3 - tetrahedra_volume_mm3,
-                                .bound = (points - 2) * 4 / 3 * std::numbers::pi * std::pow(density_mm, 3)},
+                                .bound = (points - 2) * 4 / 3 * std::numbers::pi * elementary::pow(density_mm, 3)},
           .density_mm = {.value = density_mm, .bound = norm(boundary.lattice.grid.spacing) + boundary.lattice.unit_mm}};
 }
 

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "core/ball_cell.h"
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
 
@@ -300,7 +301,7 @@ Painted painted(std::span<const Sphere> balls, const SphereModel* raw, double vo
   const Vec3 extent = box.max - box.min;
   // Far apart, few balls would need more lattice points along an axis than can be counted.
   constexpr double kMostSteps = 1 << 30;
-  result.step = std::max(std::cbrt(volume_mm3 / static_cast<double>(samples)),
+  result.step = std::max(elementary::cbrt(volume_mm3 / static_cast<double>(samples)),
                          std::max({extent.x, extent.y, extent.z}) / kMostSteps);
   const ToLattice to_lattice{axes, box.min, result.step};
   std::vector<LatticeBall> on_lattice;

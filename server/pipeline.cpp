@@ -414,10 +414,9 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
     Context context = state_->request_context();
     context.cancel = attention.token();
     Taken taken;
-    std::vector<Blob> open;
-    for (const auto& file : files) open.push_back(file.staging->open());
-    const Volume volume = s.read(info.files, std::move(open), parameters, context,
-                                 [&](std::size_t bytes) { state_->take(bytes, taken, context); });
+    const Volume volume = s.read(
+        info.files, [&](std::size_t file) { return files[file].staging->open(); }, parameters, context,
+        [&](std::size_t bytes) { state_->take(bytes, taken, context); });
     info.format = volume.format;
     info.grid = volume.grid;
     info.type = volume.type;

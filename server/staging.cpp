@@ -101,17 +101,22 @@ ScratchFolder::~ScratchFolder() {
   std::filesystem::remove_all(folder_, ignored);
 }
 
-std::filesystem::path ScratchFolder::link(const Blob& blob, const std::string& name) {
+std::filesystem::path ScratchFolder::link(Blob blob, const std::string& name) {
   const auto refuse = [](const char* sentence) { throw Error(ErrorCode::invalid_argument, sentence); };
   if (name.empty() || name.size() > 255 || name == "." || name == ".." || name.find('/') != std::string::npos ||
       name.find('\0') != std::string::npos)
     refuse("A part's file name must be a plain name of at most 255 bytes, without folders.");
-  // A link by absolute path works wherever the reader stands, and into other file systems.
+  const std::filesystem::path place = folder_ / name;
   std::error_code failed;
-  std::filesystem::create_symlink(std::filesystem::absolute(blob.path()), folder_ / name, failed);
+  std::filesystem::create_hard_link(blob.path(), place, failed);
+  if (failed == std::errc::file_exists) refuse("Two parts have the same file name; give each part its own.");
+  if (!failed) return place;
+  // A link by absolute path works wherever the reader stands, and into other file systems.
+  std::filesystem::create_symlink(std::filesystem::absolute(blob.path()), place, failed);
   if (failed == std::errc::file_exists) refuse("Two parts have the same file name; give each part its own.");
   if (failed) throw Error(ErrorCode::no_space, "The server cannot write to its storage; try again later.");
-  return folder_ / name;
+  open_.push_back(std::move(blob));
+  return place;
 }
 
 }  // namespace spherule::server

@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/base/context.h"
 #include "server/digest.h"
@@ -99,12 +100,14 @@ class ScratchFolder {
   ScratchFolder(const ScratchFolder&) = delete;
   ScratchFolder& operator=(const ScratchFolder&) = delete;
 
-  /// Gives the blob a name in this folder and returns the full path. `name` may come from a client: anything but a
-  /// plain file name of at most 255 bytes, used once, is refused with invalid_argument.
-  std::filesystem::path link(const Blob& blob, const std::string& name);
+  /// Gives the blob a name in this folder and returns the full path, where its bytes stay, whatever becomes of the
+  /// blob, as long as this lives. `name` may come from a client: anything but a plain file name of at most 255 bytes,
+  /// used once, is refused with invalid_argument. Takes no descriptor where the file system can give a file two names.
+  std::filesystem::path link(Blob blob, const std::string& name);
 
  private:
   std::filesystem::path folder_;
+  std::vector<Blob> open_;  // that have a second name only while they are
 };
 
 }  // namespace spherule::server

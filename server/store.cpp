@@ -170,28 +170,31 @@ Resource Store::root_of(Resource model) {
   return model;
 }
 
-Volume Store::read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
+Volume Store::read(const std::vector<api::StoredFile>& files, const std::function<Blob(std::size_t file)>& open,
                    const api::VolumeParameters& parameters, const Context& context,
                    std::function<void(std::size_t bytes)> admit) const {
   ReadOptions options{.raw = parameters.raw, .frame = parameters.frame, .grid = parameters.grid, .limits = {}};
   options.limits.max_voxels = config.max_voxels;
   options.limits.max_bytes = config.max_decompressed_bytes;
   options.limits.admit = std::move(admit);
-  if (open.size() == 1) return read_volume({open.front().path()}, options, context);
+  if (files.size() == 1) {
+    const Blob only = open(0);
+    return read_volume({only.path()}, options, context);
+  }
   ScratchFolder folder(blobs.scratch_root());
   std::vector<std::filesystem::path> paths;
-  for (std::size_t i = 0; i < open.size(); ++i) paths.push_back(folder.link(open[i], files[i].name));
+  for (std::size_t i = 0; i < files.size(); ++i) paths.push_back(folder.link(open(i), files[i].name));
   return read_volume(paths, options, context);
 }
 
 Volume Store::stored_volume(const Resource& resource, const Context& context) const {
   const api::VolumeInfo info = api::volume_from(resource.document);
-  std::vector<Blob> open;
-  for (const std::string& key : resource.blobs) {
-    open.push_back(blobs.open(key));
-    open.back().verify(context);
-  }
-  return read(info.files, std::move(open), info.parameters, context);
+  const auto open = [&](std::size_t file) {
+    Blob blob = blobs.open(resource.blobs.at(file));
+    blob.verify(context);
+    return blob;
+  };
+  return read(info.files, open, info.parameters, context);
 }
 
 std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context) {

@@ -118,8 +118,9 @@ struct Store {
   /// How long things are kept, as configured.
   std::vector<Keeping> keeping() const;
 
-  /// Reads files of these names; a single one needs none. `admit` as of ReadLimits.
-  Volume read(const std::vector<api::StoredFile>& files, std::vector<Blob> open,
+  /// Reads files of these names; a single one needs none. `open` gives the bytes of each, by its number, and is called
+  /// once for each. `admit` as of ReadLimits.
+  Volume read(const std::vector<api::StoredFile>& files, const std::function<Blob(std::size_t file)>& open,
               const api::VolumeParameters& parameters, const Context& context,
               std::function<void(std::size_t bytes)> admit = {}) const;
   Volume stored_volume(const Resource& resource, const Context& context) const;

@@ -13,6 +13,8 @@
 #include <set>
 #include <sstream>
 
+#include "core/base/elementary.h"
+
 namespace spherule::vdb {
 
 namespace {
@@ -244,7 +246,7 @@ struct Measuring {
   void include(const Index& origin, int log_size) {
     const std::int64_t size = std::int64_t{1} << log_size;
     for (std::size_t a = 0; a < 3; ++a) include_along(a, origin[a], origin[a] + size - 1);
-    extent.active += std::pow(static_cast<double>(size), 3);
+    extent.active += elementary::pow(static_cast<double>(size), 3);
   }
 };
 

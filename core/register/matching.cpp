@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/elementary.h"
 #include "core/register/assignment.h"
 
 namespace spherule {
@@ -23,7 +24,8 @@ std::vector<Vec3> match_features(const Shape& shape) {
     std::partial_sort(distances.begin(), distances.begin() + static_cast<std::ptrdiff_t>(near), distances.end());
     double mean = 0;
     for (std::size_t n = 0; n < near; ++n) mean += distances[n] / static_cast<double>(near);
-    features.push_back({norm(at - shape.centroid) / size, std::cbrt(shape.masses[i] / shape.volume_mm3), mean / size});
+    features.push_back(
+        {norm(at - shape.centroid) / size, elementary::cbrt(shape.masses[i] / shape.volume_mm3), mean / size});
   }
   return features;
 }
@@ -41,7 +43,7 @@ std::vector<SpherePair> match_spheres(const Shape& fixed, const Shape& moving, c
     const double radius = std::max(scale * moving.spheres[i].radius, least);
     for (std::size_t j = 0; j < f.size(); ++j) {
       costs.push_back(weights.position * norm(fixed.spheres[j].centre - at) / size +
-                      weights.size * std::abs(std::log(std::max(fixed.spheres[j].radius, least) / radius)) +
+                      weights.size * std::abs(elementary::log(std::max(fixed.spheres[j].radius, least) / radius)) +
                       weights.shape * norm(f[j] - m[i]));
     }
   }

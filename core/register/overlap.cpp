@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 
@@ -191,7 +192,7 @@ Climbed climb(std::span<const SoftBall> fixed, std::span<const SoftBall> moving,
     const Eigen::Matrix<double, 7, 1> by = curvature.ldlt().solve(gradient);
     if (!by.allFinite()) break;
     const Mat3 turn = rotation(Vec3{by(0), by(1), by(2)});
-    const double growth = std::exp(std::clamp(by(6), -0.2, 0.2));
+    const double growth = elementary::exp(std::clamp(by(6), -0.2, 0.2));
     const Pose next{turn * pose.rotation, growth * pose.scale,
                     growth * (turn * pose.shift) + Vec3{by(3), by(4), by(5)}};
     const OverlapValue then = overlap(rows, moving, next, own);

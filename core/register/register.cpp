@@ -8,6 +8,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/ranges.h"
 #include "core/mass.h"
@@ -45,7 +46,7 @@ AffineMap to_unit(const Shape& shape, TransformKind kind, double common_size) {
   Mat3 linear = scaled(1 / (kind == TransformKind::rigid ? common_size : shape.size_mm()), Mat3{});
   if (kind == TransformKind::affine) {
     const Mat3 white = power(shape.covariance, -0.5);
-    linear = scaled(1 / (std::cbrt(determinant(white)) * shape.size_mm()), white);
+    linear = scaled(1 / (elementary::cbrt(determinant(white)) * shape.size_mm()), white);
   }
   return {linear, -(linear * shape.centroid)};
 }
@@ -57,7 +58,7 @@ SoftBalls soft_balls(const Shape& shape, const AffineMap& unit) {
     const double share = shape.masses[i] / shape.volume_mm3;
     if (!(share > 0)) continue;
     // The standard deviation of the ball of that volume along any axis is its radius over the root of 5.
-    const double radius = scale * std::cbrt(3 * shape.masses[i] / (4 * std::numbers::pi));
+    const double radius = scale * elementary::cbrt(3 * shape.masses[i] / (4 * std::numbers::pi));
     balls.push_back({unit(shape.spheres[i].centre), radius * 0.6, share});
   }
   return balls;

@@ -48,7 +48,7 @@ struct RegistrationOptions {
 };
 
 /// Changes whenever the same models and options would give another answer.
-inline constexpr int registration_edition = 2;
+inline constexpr int registration_edition = 3;
 
 /// Throws invalid_argument, naming the field, for options outside their ranges.
 void check_registration_options(const RegistrationOptions& options);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/elementary.h"
+
 namespace spherule {
 
 namespace {
@@ -14,7 +16,7 @@ Quaternion spiral(double i, double n) {
   const double s = i + 0.5;
   const double r = std::sqrt(s / n), R = std::sqrt(1 - s / n);
   const double alpha = 2 * std::numbers::pi * s / phi, beta = 2 * std::numbers::pi * s / psi;
-  return {R * std::cos(beta), r * std::sin(alpha), r * std::cos(alpha), R * std::sin(beta)};
+  return {R * elementary::cos(beta), r * elementary::sin(alpha), r * elementary::cos(alpha), R * elementary::sin(beta)};
 }
 
 }  // namespace

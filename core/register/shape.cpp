@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/elementary.h"
 #include "core/base/poll.h"
 #include "core/mass.h"
 #include "core/measure.h"
@@ -68,7 +69,7 @@ void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMea
     for (double i = 0; i < count; ++i) {
       poll(64);
       const double z = 1 - (2 * i + 1) / count, across = std::sqrt(1 - z * z);
-      const Vec3 normal{across * std::cos(golden * i), across * std::sin(golden * i), z};
+      const Vec3 normal{across * elementary::cos(golden * i), across * elementary::sin(golden * i), z};
       const Vec3 at = ball.centre + ball.radius * normal;
       const bool hidden = tree.any_overlapping({at, 0}, [&](std::uint32_t other) {
         const double within = balls[other].radius * (1 - 1e-9);
@@ -84,7 +85,7 @@ void add_spheres(Surface& surface, std::span<const Sphere> balls, const UnionMea
 
 }  // namespace
 
-double Shape::size_mm() const { return std::cbrt(volume_mm3); }
+double Shape::size_mm() const { return elementary::cbrt(volume_mm3); }
 
 Shape shape_of(const SphereModel& model, std::uint32_t k, std::size_t most_points, const Context& context) {
   const auto no_volume = [] {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 
 namespace spherule {
@@ -84,7 +85,7 @@ double spacing_under(const Surface& fixed, const Surface& moving, const AffineMa
 // What lies along the surface within the spacing is no distance: the nearest point need not be opposite.
 double distance_of(const Contact& contact, double spacing) {
   const double beside = std::sqrt(std::max(contact.distance_squared - contact.off * contact.off, 0.0));
-  return std::hypot(contact.off, std::max(beside - spacing, 0.0));
+  return elementary::hypot(contact.off, std::max(beside - spacing, 0.0));
 }
 
 double agreement_of(const Contact& contact, double distance, double reach) {
@@ -121,7 +122,7 @@ AffineMap step_map(TransformKind kind, const Vector& by) {
     return {{{Vec3{1 + by(0), by(1), by(2)}, Vec3{by(3), 1 + by(4), by(5)}, Vec3{by(6), by(7), 1 + by(8)}}},
             {by(9), by(10), by(11)}};
   }
-  const double growth = kind == TransformKind::similarity ? std::exp(std::clamp(by(6), -0.1, 0.1)) : 1;
+  const double growth = kind == TransformKind::similarity ? elementary::exp(std::clamp(by(6), -0.1, 0.1)) : 1;
   return {scaled(growth, rotation(Vec3{by(0), by(1), by(2)})), {by(3), by(4), by(5)}};
 }
 

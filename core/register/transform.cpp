@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "core/base/check.h"
+#include "core/base/elementary.h"
 
 namespace spherule {
 
@@ -60,7 +61,7 @@ bool is_proper(const AffineMap& map) {
 
 double scale_of(const AffineMap& map) {
   const Sized sized_linear = sized(map.linear);
-  return std::ldexp(std::cbrt(sized_linear.determinant), sized_linear.exponent);
+  return std::ldexp(elementary::cbrt(sized_linear.determinant), sized_linear.exponent);
 }
 
 Mat3 rotation(const Quaternion& q) {
@@ -73,8 +74,8 @@ Mat3 rotation(const Quaternion& q) {
 Mat3 rotation(Vec3 v) {
   const double angle = norm(v);
   if (angle == 0) return {};
-  const Vec3 half = (std::sin(angle / 2) / angle) * v;
-  return rotation(Quaternion{std::cos(angle / 2), half.x, half.y, half.z});
+  const Vec3 half = (elementary::sin(angle / 2) / angle) * v;
+  return rotation(Quaternion{elementary::cos(angle / 2), half.x, half.y, half.z});
 }
 
 Quaternion quaternion(const Mat3& m) {
@@ -96,7 +97,7 @@ Quaternion quaternion(const Mat3& m) {
 
 double angle_between(const Mat3& a, const Mat3& b) {
   const Quaternion q = quaternion(b * transposed(a));
-  return 2 * std::atan2(std::sqrt(q.x * q.x + q.y * q.y + q.z * q.z), q.w) * kDegrees;
+  return 2 * elementary::atan2(std::sqrt(q.x * q.x + q.y * q.y + q.z * q.z), q.w) * kDegrees;
 }
 
 Mat3 nearest_rotation(const Mat3& m) {
@@ -130,15 +131,15 @@ Decomposition decompose(const AffineMap& map, Vec3 centre) {
   const Vec3 imaginary{d.quaternion.x, d.quaternion.y, d.quaternion.z};
   const double sine = norm(imaginary);
   if (sine > 0) d.axis = (1 / sine) * imaginary;
-  d.angle_deg = 2 * std::atan2(sine, d.quaternion.w) * kDegrees;
+  d.angle_deg = 2 * elementary::atan2(sine, d.quaternion.w) * kDegrees;
   const auto& r = d.rotation.rows;
-  d.euler_xyz_deg.y = std::asin(std::clamp(-r[2].x, -1.0, 1.0)) * kDegrees;
-  if (std::hypot(r[2].y, r[2].z) > 1e-9) {
-    d.euler_xyz_deg.x = std::atan2(r[2].y, r[2].z) * kDegrees;
-    d.euler_xyz_deg.z = std::atan2(r[1].x, r[0].x) * kDegrees;
+  d.euler_xyz_deg.y = elementary::asin(std::clamp(-r[2].x, -1.0, 1.0)) * kDegrees;
+  if (elementary::hypot(r[2].y, r[2].z) > 1e-9) {
+    d.euler_xyz_deg.x = elementary::atan2(r[2].y, r[2].z) * kDegrees;
+    d.euler_xyz_deg.z = elementary::atan2(r[1].x, r[0].x) * kDegrees;
   } else {
     // Only the sum or the difference of the two is known: all of it is given to z.
-    d.euler_xyz_deg.z = std::atan2(-r[0].y, r[1].y) * kDegrees;
+    d.euler_xyz_deg.z = elementary::atan2(-r[0].y, r[1].y) * kDegrees;
   }
   d.centre = centre;
   d.translation = map(centre) - centre;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/elementary.h"
 #include "core/render/font.h"
 #include "core/render/ticks.h"
 
@@ -48,7 +49,7 @@ void Notes::legend(const Legend& legend) {
   for (int i = 0; i < steps; ++i)
     drawing_.rectangle(x, top + i, width, 1, ink_of(legend.map->at(1 - (i + 0.5) / steps)));
   for (const double value : values) {
-    const double t = legend.logarithmic ? std::log(value / legend.lo) / std::log(legend.hi / legend.lo)
+    const double t = legend.logarithmic ? elementary::log(value / legend.lo) / elementary::log(legend.hi / legend.lo)
                                         : (value - legend.lo) / (legend.hi - legend.lo);
     const double y = top + (1 - t) * height;
     drawing_.line({x + width, y}, {x + width + 0.35 * size_, y}, stroke_width(size_), ink_);
@@ -92,7 +93,7 @@ void Notes::orientation(const Camera& camera) {
   if (halo_) drawing_.discs({{root, reach + 1.8 * size_}}, {255, 255, 255, 0.5});
   for (const Axis& axis : axes) {
     const double x = dot(axis.direction, camera.right), y = -dot(axis.direction, camera.up);
-    const double length = std::hypot(x, y);
+    const double length = elementary::hypot(x, y);
     const Point2 tip{root.x + reach * x, root.y + reach * y};
     if (length < 0.2) {
       // Seen end on: a dot towards the viewer, a ring away from them.

@@ -159,6 +159,7 @@ class Builder {
     take({judge(fields_, root), std::move(root)}, cubes);
     for (int level = 0; level < kMostLevels && !cubes.empty(); ++level) cubes = split_some(std::move(cubes));
     for (const Draft& cube : cubes) keep(cube);
+    context_.throw_if_cancelled();
     return std::move(cells_);
   }
 
@@ -184,6 +185,7 @@ class Builder {
           children[i] = split(fields_, cubes[begin + i]);
         }
       });
+      context_.throw_if_cancelled();
       for (std::size_t i = 0; i < some; ++i) {
         const auto node = static_cast<std::int32_t>(cells_.nodes.size());
         cells_.nodes[static_cast<std::size_t>(cubes[begin + i].node)] = node;

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <string>
 
+#include "core/base/elementary.h"
 #include "core/base/error.h"
 #include "core/base/ranges.h"
 
@@ -135,12 +136,12 @@ Camera make_camera(const CameraOptions& options, View view, double turn, const B
   }
   camera.right = cross(camera.forward, camera.up);
   if (turn != 0) {
-    const double angle = turn * std::numbers::pi / 180, c = std::cos(angle), s = std::sin(angle);
+    const double angle = turn * std::numbers::pi / 180, c = elementary::cos(angle), s = elementary::sin(angle);
     const Vec3 forward = camera.forward;
     camera.forward = c * forward - s * camera.right;
     camera.right = c * camera.right + s * forward;
   }
-  const double tangent = std::tan(options.field_of_view * std::numbers::pi / 360);
+  const double tangent = elementary::tan(options.field_of_view * std::numbers::pi / 360);
   if (!options.viewpoint || options.fit) {
     fit(box, width, height, tangent, camera);
   } else {

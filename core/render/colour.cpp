@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/elementary.h"
+
 namespace spherule {
 namespace {
 
@@ -12,7 +14,7 @@ constexpr std::size_t kSteps = 512;
 
 Vec3 polar(double lightness, double chroma, double hue_degrees) {
   const double hue = hue_degrees * std::numbers::pi / 180;
-  return {lightness, chroma * std::cos(hue), chroma * std::sin(hue)};
+  return {lightness, chroma * elementary::cos(hue), chroma * elementary::sin(hue)};
 }
 
 bool showable(Colour c) {
@@ -39,7 +41,7 @@ Vec3 spline(Vec3 a, Vec3 b, Vec3 c, Vec3 d, double t) {
 }  // namespace
 
 double light_of_srgb(double encoded) {
-  return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
+  return encoded <= 0.04045 ? encoded / 12.92 : elementary::pow((encoded + 0.055) / 1.055, 2.4);
 }
 
 std::uint8_t to_srgb(double linear) {
@@ -62,7 +64,7 @@ Vec3 to_oklab(Colour colour) {
   const Mat3 to_lab{{Vec3{0.2104542553, 0.7936177850, -0.0040720468}, Vec3{1.9779984951, -2.4285922050, 0.4505937099},
                      Vec3{0.0259040371, 0.7827717662, -0.8086757660}}};
   const Vec3 cones = to_cones * colour;
-  return to_lab * Vec3{std::cbrt(cones.x), std::cbrt(cones.y), std::cbrt(cones.z)};
+  return to_lab * Vec3{elementary::cbrt(cones.x), elementary::cbrt(cones.y), elementary::cbrt(cones.z)};
 }
 
 ColourMap::ColourMap(std::span<const Vec3> path) {

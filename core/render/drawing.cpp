@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 
+#include "core/base/elementary.h"
 #include "core/render/font.h"
 
 namespace spherule {
@@ -29,7 +30,7 @@ class Mask {
     const double reach = width / 2 + 0.5, dx = b.x - a.x, dy = b.y - a.y, squared = dx * dx + dy * dy;
     const auto depth = [&](double x, double y) {
       const double t = squared > 0 ? std::clamp(((x - a.x) * dx + (y - a.y) * dy) / squared, 0.0, 1.0) : 0;
-      return reach - std::hypot(x - a.x - t * dx, y - a.y - t * dy);
+      return reach - elementary::hypot(x - a.x - t * dx, y - a.y - t * dy);
     };
     const double left = std::min(a.x, b.x) - reach, right = std::max(a.x, b.x) + reach;
     const double half = 1 + reach * std::sqrt(squared) / std::abs(dy);  // of a row's span
@@ -45,7 +46,9 @@ class Mask {
   // Only the two spans of each row that the ring can reach: a large one is looked at no more than its line is long.
   void ring(Point2 c, double radius, double width) {
     const double reach = width / 2 + 0.5, outer = radius + reach, inner = radius - reach;
-    const auto depth = [&](double x, double y) { return reach - std::abs(std::hypot(x - c.x, y - c.y) - radius); };
+    const auto depth = [&](double x, double y) {
+      return reach - std::abs(elementary::hypot(x - c.x, y - c.y) - radius);
+    };
     const auto half_chord = [](double r, double height) { return std::sqrt(std::max(0.0, r * r - height * height)); };
     const int first = clamped(std::floor(c.y - outer), y1_), last = clamped(std::ceil(c.y + outer), y1_);
     for (int y = std::max(y0_, first); y < last; ++y) {
@@ -58,7 +61,7 @@ class Mask {
   void disc(Point2 c, double radius) {
     const double outer = radius + 0.5;
     each(c.x - outer, c.y - outer, c.x + outer, c.y + outer,
-         [&](double x, double y) { return outer - std::hypot(x - c.x, y - c.y); });
+         [&](double x, double y) { return outer - elementary::hypot(x - c.x, y - c.y); });
   }
   // Adds the exact part of each pixel that a convex polygon covers: parts of neighbours add to whole pixels.
   void area(const std::vector<Point2>& polygon) {

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "core/base/check.h"
+#include "core/base/elementary.h"
 #include "core/render/font.h"
 #include "core/render/ticks.h"
 
@@ -24,7 +25,8 @@ class Scale {
   Scale(double lo, double hi, bool logarithmic, double from, double to)
       : lo_(lo), hi_(hi), logarithmic_(logarithmic), from_(from), to_(to) {}
   double pixel(double value) const {
-    const double part = logarithmic_ ? std::log(value / lo_) / std::log(hi_ / lo_) : (value - lo_) / (hi_ - lo_);
+    const double part =
+        logarithmic_ ? elementary::log(value / lo_) / elementary::log(hi_ / lo_) : (value - lo_) / (hi_ - lo_);
     return from_ + part * (to_ - from_);
   }
   double lo() const { return lo_; }
@@ -66,7 +68,7 @@ Drawing draw_plot(const Plot& plot, int width, int height) {
       if (h > 0) least = std::min(least, h);
     least *= 0.5;
   }
-  const double top_value = plot.y.logarithmic ? most * std::pow(most / least, 0.05) : most * 1.05;
+  const double top_value = plot.y.logarithmic ? most * elementary::pow(most / least, 0.05) : most * 1.05;
   const auto y_ticks = ticks_of(plot.y, least, top_value, std::max(2, static_cast<int>(height / (5 * size))));
   double widest = 0;
   for (const double tick : y_ticks) widest = std::max(widest, text_width(tick_words(tick), size));

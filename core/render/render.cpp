@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/check.h"
+#include "core/base/elementary.h"
 #include "core/base/error.h"
 #include "core/base/ranges.h"
 #include "core/marching_cubes.h"
@@ -205,7 +206,9 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
     }
     case Style::tetrahedra: take_facets(solid_of(model, "tetrahedra"), chosen(model, o), context, drawn); break;
     case Style::surface:
-      SPHERULE_CHECK(subject.surface != nullptr);  // who asks for it has made it
+      if (subject.surface == nullptr) {
+        unusable("A surface is drawn only in a picture of models that were made from a volume; choose another style.");
+      }
       drawn.vertices = subject.surface->vertices;
       drawn.triangles = subject.surface->triangles;
       drawn.of_balls = false;
@@ -334,7 +337,7 @@ std::optional<Legend> colour(std::span<const Subject> subjects, std::span<const 
     }
     for (const double n : numbers[b]) {
       double t = (n - range[0]) / (range[1] - range[0]);
-      if (legend.logarithmic) t = n > 0 ? std::log(n / range[0]) / std::log(range[1] / range[0]) : 0;
+      if (legend.logarithmic) t = n > 0 ? elementary::log(n / range[0]) / elementary::log(range[1] / range[0]) : 0;
       bodies[b].table.push_back(legend.map->at(t));
     }
   }

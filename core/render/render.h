@@ -89,7 +89,7 @@ struct RenderOptions {
 /// A model, and what of it only its volume knows.
 struct Subject {
   const SphereModel* model = nullptr;
-  const Mesh* surface = nullptr;                ///< for Style::surface
+  const Mesh* surface = nullptr;                ///< for Style::surface, which is refused without
   std::span<const double> contributions_mm3{};  ///< of each sphere, for ColourBy::contribution; else it is measured
 };
 

@@ -14,6 +14,7 @@
 #include <mutex>
 #include <numbers>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/render/openness.h"
 
@@ -67,7 +68,7 @@ std::vector<Vec3> sphere_points(std::uint32_t each) {
     const double u = kA * (i + 0.5), v = kB * (i + 0.5);
     const double z = 1 - 2 * (u - std::floor(u)), radius = std::sqrt(std::max(0.0, 1 - z * z));
     const double angle = 2 * std::numbers::pi * v;
-    points.push_back({radius * std::cos(angle), radius * std::sin(angle), z});
+    points.push_back({radius * elementary::cos(angle), radius * elementary::sin(angle), z});
   }
   return points;
 }
@@ -91,7 +92,7 @@ Vec3 sky_direction(Vec3 normal, Vec3 point) {
 
 // From light to what is shown of it.
 const ByteCurve& exposure_curve() {
-  static const ByteCurve curve([](double shown) { return -std::log(1 - shown) / kExposure; });
+  static const ByteCurve curve([](double shown) { return -elementary::log(1 - shown) / kExposure; });
   return curve;
 }
 
@@ -539,7 +540,7 @@ Colour sky_light(const Camera& camera, Vec3 normal) {
 }
 
 Colour tone(Colour light) {
-  const auto shoulder = [](double linear) { return 1 - std::exp(-kExposure * linear); };
+  const auto shoulder = [](double linear) { return 1 - elementary::exp(-kExposure * linear); };
   return {shoulder(light.x), shoulder(light.y), shoulder(light.z)};
 }
 

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <span>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/ranges.h"
 #include "core/render/font.h"
@@ -95,7 +96,7 @@ SlicePlane plane_of(const Grid& slice) {
     if (std::abs(normal[static_cast<int>(a)]) > std::abs(normal[static_cast<int>(nearest)]) + 1e-9) nearest = a;
   SlicePlane plane;
   plane.name = kNames[nearest];
-  if (std::abs(normal[static_cast<int>(nearest)]) < std::cos(15 * std::numbers::pi / 180))
+  if (std::abs(normal[static_cast<int>(nearest)]) < elementary::cos(15 * std::numbers::pi / 180))
     plane.name = "oblique " + plane.name;
   const std::array<Vec3, 2> axes{slice.direction.column(0), slice.direction.column(1)};
   plane.across = std::abs(dot(axes[0], kRight[nearest])) >= std::abs(dot(axes[1], kRight[nearest])) ? 0 : 1;
@@ -226,7 +227,7 @@ void draw_values(const Volume& slice, const Frame& frame, const Window& window, 
 
 // To three digits of the width.
 std::string window_words(const Window& window) {
-  const double step = std::pow(10.0, std::floor(std::log10(window.width)) - 2);
+  const double step = elementary::pow(10.0, std::floor(elementary::log10(window.width)) - 2);
   const auto words = [&](double value) { return label(std::round(value / step) * step); };
   return "window " + words(window.width) + ", level " + words(window.level);
 }

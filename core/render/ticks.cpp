@@ -6,10 +6,12 @@
 #include <charconv>
 #include <cmath>
 
+#include "core/base/elementary.h"
+
 namespace spherule {
 
 double round_step(double least) {
-  const double power = std::pow(10.0, std::floor(std::log10(least)));
+  const double power = elementary::pow(10.0, std::floor(elementary::log10(least)));
   for (const double factor : {1.0, 2.0, 5.0, 10.0})
     if (factor * power >= least * (1 - 1e-9)) return factor * power;
   return 10 * power;
@@ -28,9 +30,9 @@ std::vector<double> ticks(double lo, double hi, int most) {
 
 std::vector<double> log_ticks(double lo, double hi) {
   std::vector<double> tens, all;
-  for (double e = std::floor(std::log10(lo)); e <= std::log10(hi); ++e)
+  for (double e = std::floor(elementary::log10(lo)); e <= elementary::log10(hi); ++e)
     for (const double factor : {1.0, 2.0, 5.0}) {
-      const double value = factor * std::pow(10.0, e);
+      const double value = factor * elementary::pow(10.0, e);
       if (value < lo * (1 - 1e-9) || value > hi * (1 + 1e-9)) continue;
       all.push_back(value);
       if (factor == 1) tens.push_back(value);

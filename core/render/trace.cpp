@@ -147,13 +147,14 @@ Hierarchy::Hierarchy(const Primitives& primitives, const Context& context)
   SPHERULE_CHECK(count < std::numeric_limits<std::uint32_t>::max());
   Box all;
   for (std::size_t i = 0; i < count; ++i) {
+    if (i % 1024 == 0) context.throw_if_cancelled();
     const Box box = primitives.box(i);
     all.include(box.min), all.include(box.max);
   }
   if (count > 0) {
     s.centre = 0.5 * (all.min + all.max);
     const Vec3 extent = all.max - all.min;
-    s.radius = 0.5 * std::hypot(extent.x, extent.y, extent.z);
+    s.radius = 0.5 * norm(extent);
     SPHERULE_CHECK(std::isfinite(s.radius));  // render() refuses what is larger
     if (s.radius > kLeastRadius) s.scale = std::ldexp(1.0, -std::ilogb(s.radius) - 1);
     s.slack = 2e-6 * std::max({extent.x, extent.y, extent.z});

@@ -5,6 +5,8 @@
 #include <cstring>
 #include <numbers>
 
+#include "core/base/elementary.h"
+
 namespace spherule::detail {
 
 namespace {
@@ -66,7 +68,7 @@ std::int64_t Fit::gain(const Sphere& ball) const {
   }
   if (frame_.border_open || within) return sum;
   // Beyond the window all is outside; how many samples the ball has there, its volume tells well enough.
-  const double all = 4 * std::numbers::pi / 3 * std::pow(ball.radius / frame_.voxel, 3);
+  const double all = 4 * std::numbers::pi / 3 * elementary::pow(ball.radius / frame_.voxel, 3);
   return sum - std::max<std::int64_t>(static_cast<std::int64_t>(all) - samples, 0);
 }
 

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 
+#include "core/base/elementary.h"
 #include "core/base/poll.h"
 
 namespace spherule::detail {
@@ -38,7 +39,7 @@ Window window_of(const SampleBits& inside) {
 
 Frame::Frame(const SampledObject& object, const Context& context)
     : spacing(object.grid.spacing),
-      voxel(std::cbrt(object.sample_mm3())),
+      voxel(elementary::cbrt(object.sample_mm3())),
       window(window_of(object.inside)),
       border_open(object.border == Border::open) {
   const Window own = window;

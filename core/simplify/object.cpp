@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "core/base/check.h"
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
 #include "core/simplify/rows.h"
@@ -169,7 +170,7 @@ SampledObject sample_union(std::span<const Sphere> balls, std::size_t samples, c
   const double longest = std::max({size.x, size.y, size.z, 1e-6});
   // A set in a plane or a line still gets a few samples across.
   for (int a = 0; a < 3; ++a) size[a] = std::max(size[a], 1e-3 * longest);
-  const double step = std::cbrt(size.x * size.y * size.z / static_cast<double>(samples));
+  const double step = elementary::cbrt(size.x * size.y * size.z / static_cast<double>(samples));
   Grid grid;
   grid.spacing = {step, step, step};
   grid.origin = box.min - Vec3{step / 2, step / 2, step / 2};

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/enclosing.h"
 #include "core/predicates.h"
@@ -67,7 +68,7 @@ Sphere represent(Representative by, std::span<const Sphere> balls, std::span<con
     centre = centre + weight * (balls[m].centre - origin);
     radius += weight * balls[m].radius;
   }
-  const double of_volume = std::cbrt(3 * total / (4 * std::numbers::pi));
+  const double of_volume = elementary::cbrt(3 * total / (4 * std::numbers::pi));
   return {origin + (1 / weights) * centre,
           by == Representative::mean ? std::max(radius / weights, of_volume) : of_volume};
 }

@@ -27,7 +27,7 @@
 namespace spherule {
 
 /// Changes whenever the same model would be simplified otherwise.
-inline constexpr int simplify_edition = 2;
+inline constexpr int simplify_edition = 3;
 
 /// A method with its options.
 using SimplifyMethod = std::variant<SphericityOptions, SplittingOptions, PruneOptions, BestOptions>;

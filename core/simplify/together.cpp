@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
 #include "core/simplify/frame.h"
@@ -145,8 +146,8 @@ std::vector<Sphere> moved_together(std::vector<Sphere> balls, const SampledObjec
   for (int s = 0; s < steps; ++s) {
     context.throw_if_cancelled();
     const double done = static_cast<double>(s) / steps;
-    const double soft = voxel * kSoftFirst * std::pow(kSoftLast / kSoftFirst, done);
-    const double rate = voxel * kRateFirst * std::pow(kRateLast / kRateFirst, done);
+    const double soft = voxel * kSoftFirst * elementary::pow(kSoftLast / kSoftFirst, done);
+    const double rate = voxel * kRateFirst * elementary::pow(kRateLast / kRateFirst, done);
     const std::vector<Gradient> gradients = soft_balls.gradients(balls, soft, context);
     mean_missing *= kMomentum;
     square_missing *= kMemory;

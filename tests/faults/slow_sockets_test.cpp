@@ -3,11 +3,13 @@
 // "Slow clients stop nobody", shape by shape: more of them than there are threads, and in the meantime everybody else
 // is answered within a second.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <functional>
 #include <thread>
 
+#include "tests/archives.h"
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
 #include "tests/long_form.h"
@@ -122,6 +124,26 @@ TEST(Descriptors, OfIdleConnectionsLeaveRoomForFiles) {
   }
   EXPECT_EQ(client.get("/livez").status, 200);
   client.upload("?format=raw&dims=20,20,20&dtype=uint8", ball(20, 9));
+  EXPECT_EQ(client.get("/readyz").status, 200);
+}
+
+TEST(Descriptors, OfASliceAreFreeBeforeTheNextIsRead) {
+  constexpr int kSlices = 1200;
+  const TemporaryFolder folder;
+  const ServerProcess server(folder.path() / "data");
+  const rlimit few{256, 256};
+  ASSERT_EQ(::prlimit(server.pid(), RLIMIT_NOFILE, &few, nullptr), 0);
+  std::vector<ZipEntry> files{{.name = "scan.nhdr",
+                               .bytes = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 " + std::to_string(kSlices) +
+                                        "\nencoding: raw\ndata file: s%04d.raw 1 " + std::to_string(kSlices) +
+                                        " 1 2\n"}};
+  for (int i = 1; i <= kSlices; ++i) {
+    const std::string number = std::to_string(10000 + i).substr(1);
+    files.push_back({.name = "s" + number + ".raw", .bytes = std::string(16, static_cast<char>(i % 251))});
+  }
+  const Client client(server.port());
+  const std::string volume = client.upload("", zip(files));
+  EXPECT_EQ(client.model({{"volume", volume}, {"threshold", 100}})["kind"], "raw");
   EXPECT_EQ(client.get("/readyz").status, 200);
 }
 

@@ -36,6 +36,7 @@ only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
 only_in ITK 'itk[A-Z]\w+\.h' '^core/io/\w+\.cpp$|^tests/core/register/itk_test\.cpp$'
 only_in nifti 'nifti' '^core/io/\w+\.cpp$'
 only_in OpenVDB 'openvdb/' '^core/io/\w+\.cpp$|^tests/io/\w+\.cpp$'
+only_in SLEEF 'sleef\.h' '^core/base/elementary\.cpp$'
 only_in toml++ 'toml' '^server/config\.cpp$'
 forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
 
@@ -46,6 +47,10 @@ forbid 'server knows only api and core' "^server/.*$cpp" '^\s*#\s*include\s*"(?!
 forbid 'the command line knows only core' "^clients/cli/.*$cpp" '^\s*#\s*include\s*"(?!(clients/cli|core)/)'
 
 forbid 'core neither prints nor exits' "^core/.*$cpp" 'std::(cout|cerr|clog)\b|\b(f|std::)?(printf|puts)\(|\b(exit|abort)\('
+
+# The C library's differ between processors.
+forbid 'elementary functions of core are those of base/elementary.h' "^core/.*$cpp" \
+  '\bstd::(sin|cos|tan|asin|acos|atan2?|sinh|cosh|tanh|exp|exp2|expm1|log|log2|log10|log1p|pow|cbrt|hypot|erf|tgamma|lgamma|fma)\('
 
 # Where people keep their checkouts and scratch files is nobody else's business.
 forbid 'names a folder of one machine' '.' '(^|[^\w.~-])/(home|root|tmp|mnt|Users|work|workspace|scratch)/' '^LICENSE$'

@@ -48,6 +48,8 @@ seed clients/cli/seeded.cpp '#include "server/seeded.h"' 'the command line knows
 seed core/volume.cpp 'void f() { std::printf("x"); }' 'core neither prints nor exits'
 seed core/volume.cpp 'void f() { std::cerr << 1; }' 'core neither prints nor exits'
 seed core/volume.cpp 'void f() { std::exit(1); }' 'core neither prints nor exits'
+seed core/volume.cpp 'double f(double x) { return std::sin(x); }' 'elementary functions of core are those of base/elementary.h'
+seed core/volume.cpp '#include <sleef.h>' 'SLEEF belongs elsewhere'
 place=/home
 seed README.md "See $place/somebody/notes." 'names a folder of one machine'
 seed tests/seeded.cpp "const char* path = \"$place/somebody/scan.nii\";" 'names a folder of one machine'

@@ -111,21 +111,24 @@ TYPED_TEST(BlobStoreContract, OpenBlobsOutliveRemoval) {
 }
 
 TYPED_TEST(BlobStoreContract, ScratchFoldersNameBlobs) {
-  const Blob header = this->store.open(this->store.put("x", "header"));
+  const std::string key = this->store.put("x", "header");
   fs::path linked;
   {
     ScratchFolder scratch(this->store.scratch_root());
-    const fs::path path = scratch.link(header, "Scan of Ünal, J. (2).hdr");
+    const fs::path path = scratch.link(this->store.open(key), "Scan of Ünal, J. (2).hdr");
     linked = path.parent_path();
     EXPECT_EQ(path.filename(), "Scan of Ünal, J. (2).hdr");
     EXPECT_EQ(contents(path), "header");
     for (const std::string& name :
          {std::string(), std::string("."), std::string(".."), std::string("a/b"), std::string("/etc/passwd"),
           std::string("a\0b", 3), std::string(256, 'a'), std::string("Scan of Ünal, J. (2).hdr")})
-      EXPECT_EQ(error_of([&] { scratch.link(header, name); }), ErrorCode::invalid_argument) << name;
+      EXPECT_EQ(error_of([&] { scratch.link(this->store.open(key), name); }), ErrorCode::invalid_argument) << name;
+    const Blob blob = this->store.open(key);
+    this->store.remove(key);
+    EXPECT_EQ(contents(path), "header");
+    EXPECT_EQ(blob.read(), "header");
   }
   EXPECT_FALSE(fs::exists(linked));
-  EXPECT_EQ(header.read(), "header");
 }
 
 TYPED_TEST(BlobStoreContract, TellsWhatIsOnItsWay) {
@@ -264,14 +267,15 @@ TEST(FileBlobStoreStart, AFileInTheWayIsReported) {
   EXPECT_EQ(error_of([&] { FileBlobStore store(folder.path() / "blobs"); }), ErrorCode::corrupt);
 }
 
+std::ptrdiff_t descriptors() {
+  return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
+}
+
 // A zip of a thousand slices has a thousand files.
 TEST(FileUpload, HoldsOneDescriptorForAnyNumberOfFiles) {
   const test::TemporaryFolder folder;
   FileBlobStore store(folder.path() / "blobs");
-  FileUpload upload(store, any_size, 0);
-  const auto descriptors = [] {
-    return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
-  };
+  FileUpload upload(store, any_size, 0, [](std::uint64_t) {});
   const auto before = descriptors();
   for (int i = 0; i < 100; ++i) {
     upload.begin_file("slice-" + std::to_string(1000 + i));
@@ -285,6 +289,16 @@ TEST(FileUpload, HoldsOneDescriptorForAnyNumberOfFiles) {
     keys.push_back(file.staging->commit("volumes/vol_1-" + std::to_string(keys.size())));
     EXPECT_EQ(store.read(keys.back()), "firstsecondthird");
   }
+  EXPECT_LE(descriptors(), before);
+}
+
+TEST(ScratchFolders, HoldNoDescriptorForAnyNumberOfFiles) {
+  const test::TemporaryFolder folder;
+  FileBlobStore store(folder.path() / "blobs");
+  const std::string key = store.put("x", "slice");
+  const auto before = descriptors();
+  ScratchFolder scratch(store.scratch_root());
+  for (int i = 0; i < 100; ++i) scratch.link(store.open(key), "slice-" + std::to_string(i));
   EXPECT_LE(descriptors(), before);
 }
 

@@ -11,6 +11,7 @@
 #include "core/register/picture.h"
 #include "core/register/resample.h"
 #include "tests/core/register/poses.h"
+#include "tests/errors.h"
 
 namespace spherule {
 namespace {
@@ -143,6 +144,16 @@ TEST(BeforeAfter, ShowsTwoPicturesThatDiffer) {
   for (int y = 0; y < 50; ++y)
     for (int x = 0; x < 60; ++x) right.insert(right.end(), still.at(60 + x, y), still.at(60 + x, y) + 4);
   EXPECT_EQ(half(60), right);
+}
+
+TEST(BeforeAfter, RefusesStylesThatNeedMoreThanBalls) {
+  const SphereModel model{.spheres = {{{0, 0, 0}, 2}}, .solid = {}};
+  RenderOptions options;
+  options.width = 16, options.height = 16, options.samples_per_axis = 1;
+  for (const Style style : {Style::surface, Style::tetrahedra, Style::points}) {
+    options.style = style;
+    test::expect_error([&] { before_and_after(model, model, {}, options); }, ErrorCode::unusable);
+  }
 }
 
 }  // namespace

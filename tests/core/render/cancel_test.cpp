@@ -57,13 +57,24 @@ SphereModel row_of_balls(int n) {
   return model;
 }
 
+// n³ overlapping balls, which fill a picture.
+SphereModel block_of_balls(int n) {
+  SphereModel model;
+  for (int k = 0; k < n; ++k)
+    for (int j = 0; j < n; ++j)
+      for (int i = 0; i < n; ++i) model.spheres.push_back({{1.0 * i, 1.0 * j, 1.0 * k}, 1});
+  return model;
+}
+
 TEST(Cancel, IsHeardByRays) {
-  const SphereModel row = row_of_balls(20'000);
+  const SphereModel row = row_of_balls(20'000), block = block_of_balls(27);
   for (const Style style : {Style::spheres, Style::blobs, Style::centres})
     for (const View view : {View::anterior, View::right}) {
+      // The memory of a larger picture alone takes the system nearly as long as a cancel may, after blobs' cells.
+      const int side = style == Style::blobs ? 2000 : 4000;
       const RenderOptions options{
-          .width = 4000, .height = 4000, .samples_per_axis = 8, .style = style, .views = {view}};
-      const Subject subject{.model = &row};
+          .width = side, .height = side, .samples_per_axis = 8, .style = style, .views = {view}};
+      const Subject subject{.model = style == Style::blobs ? &block : &row};
       for (const double after : {0.01, 0.3})
         EXPECT_LT(seconds_to_stop(after, [&](const Context& c) { render(std::span(&subject, 1), options, c); }), kSoon)
             << static_cast<int>(style) << static_cast<char>(view) << after;
