@@ -134,12 +134,12 @@ TEST(Descriptors, OfASliceAreFreeBeforeTheNextIsRead) {
   const rlimit few{256, 256};
   ASSERT_EQ(::prlimit(server.pid(), RLIMIT_NOFILE, &few, nullptr), 0);
   std::vector<ZipEntry> files{{.name = "scan.nhdr",
-                               .bytes = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 " + std::to_string(kSlices) +
+                               .bytes = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 5 " + std::to_string(kSlices) +
                                         "\nencoding: raw\ndata file: s%04d.raw 1 " + std::to_string(kSlices) +
                                         " 1 2\n"}};
   for (int i = 1; i <= kSlices; ++i) {
     const std::string number = std::to_string(10000 + i).substr(1);
-    files.push_back({.name = "s" + number + ".raw", .bytes = std::string(16, static_cast<char>(i % 251))});
+    files.push_back({.name = "s" + number + ".raw", .bytes = std::string(25, static_cast<char>(i % 251))});
   }
   const Client client(server.port());
   const std::string volume = client.upload("", zip(files));
