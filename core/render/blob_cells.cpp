@@ -202,7 +202,7 @@ class Builder {
     return next;
   }
 
-  void take(Eighth cube, std::vector<Draft>& open) {
+  void take(Eighth&& cube, std::vector<Draft>& open) {
     auto& [verdict, draft] = cube;
     cells_.nodes[static_cast<std::size_t>(draft.node)] =
         verdict == Verdict::inside ? BlobCells::inside : BlobCells::outside;
