@@ -74,7 +74,7 @@ TEST(Cancel, IsHeardByRays) {
       const int side = style == Style::blobs ? 2000 : 4000;
       const RenderOptions options{
           .width = side, .height = side, .samples_per_axis = 8, .style = style, .views = {view}};
-      const Subject subject{.model = style == Style::blobs ? &block : &row};
+      const Subject subject{.model = style == Style::spheres ? &row : &block};
       for (const double after : {0.01, 0.3})
         EXPECT_LT(seconds_to_stop(after, [&](const Context& c) { render(std::span(&subject, 1), options, c); }), kSoon)
             << static_cast<int>(style) << static_cast<char>(view) << after;
