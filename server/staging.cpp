@@ -109,13 +109,13 @@ std::filesystem::path ScratchFolder::link(Blob blob, const std::string& name) {
   const std::filesystem::path place = folder_ / name;
   std::error_code failed;
   std::filesystem::create_hard_link(blob.path(), place, failed);
-  if (failed == std::errc::file_exists) refuse("Two parts have the same file name; give each part its own.");
-  if (!failed) return place;
-  // A link by absolute path works wherever the reader stands, and into other file systems.
-  std::filesystem::create_symlink(std::filesystem::absolute(blob.path()), place, failed);
+  if (failed && failed != std::errc::file_exists) {
+    // A link by absolute path works wherever the reader stands, and into other file systems.
+    std::filesystem::create_symlink(std::filesystem::absolute(blob.path()), place, failed);
+    open_.push_back(std::move(blob));
+  }
   if (failed == std::errc::file_exists) refuse("Two parts have the same file name; give each part its own.");
   if (failed) throw Error(ErrorCode::no_space, "The server cannot write to its storage; try again later.");
-  open_.push_back(std::move(blob));
   return place;
 }
 

@@ -21,36 +21,40 @@ constexpr double kMostSum = 256;
 constexpr double kDoubt = 1e-9;
 constexpr double kGrown = 1 + 1e-9;  // of a cube
 
+Vec3 times(const Symmetric& m, Vec3 v) {
+  return {m[0] * v.x + m[3] * v.y + m[4] * v.z, m[3] * v.x + m[1] * v.y + m[5] * v.z,
+          m[4] * v.x + m[5] * v.y + m[2] * v.z};
+}
+
 // The moments of fields of which BlobSum is made, which may be moved to another centre. With d from the centre to a
 // field's, s its strength and a = squared_reach - |d|².
 struct Moments {
   double s = 0, sa = 0, saa = 0;
   Vec3 sd, sad;
-  std::array<double, 6> sdd{};  // xx, yy, zz, xy, xz, yz
+  Symmetric sdd{};
 
   void add(const BlobField& f, Vec3 centre) {
     const Vec3 d = f.centre - centre;
     const double a = f.squared_reach - squared_norm(d), weighted = f.strength * a;
     s += f.strength, sa += weighted, saa += weighted * a;
     sd = sd + f.strength * d, sad = sad + weighted * d;
-    const std::array<double, 6> products{d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z};
+    const Symmetric products{d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z};
     for (std::size_t i = 0; i < 6; ++i) sdd[i] += f.strength * products[i];
   }
 
   // About centre + by: d becomes d - by, and a becomes a + 2 d·by - |by|².
   Moments moved(Vec3 by) const {
     const double e = squared_norm(by);
-    const Vec3 across{sdd[0] * by.x + sdd[3] * by.y + sdd[4] * by.z, sdd[3] * by.x + sdd[1] * by.y + sdd[5] * by.z,
-                      sdd[4] * by.x + sdd[5] * by.y + sdd[2] * by.z};
+    const Vec3 across = times(sdd, by);
     Moments m;
     m.s = s;
     m.sd = sd - s * by;
     m.sa = sa + 2 * dot(sd, by) - e * s;
     m.saa = saa + 4 * dot(across, by) + e * e * s + 4 * dot(sad, by) - 2 * e * sa - 4 * e * dot(sd, by);
     m.sad = sad + 2.0 * across - e * sd - m.sa * by;
-    const std::array<double, 6> twice{2 * sd.x * by.x,           2 * sd.y * by.y,           2 * sd.z * by.z,
-                                      sd.x * by.y + sd.y * by.x, sd.x * by.z + sd.z * by.x, sd.y * by.z + sd.z * by.y};
-    const std::array<double, 6> own{by.x * by.x, by.y * by.y, by.z * by.z, by.x * by.y, by.x * by.z, by.y * by.z};
+    const Symmetric twice{2 * sd.x * by.x,           2 * sd.y * by.y,           2 * sd.z * by.z,
+                          sd.x * by.y + sd.y * by.x, sd.x * by.z + sd.z * by.x, sd.y * by.z + sd.z * by.y};
+    const Symmetric own{by.x * by.x, by.y * by.y, by.z * by.z, by.x * by.y, by.x * by.z, by.y * by.z};
     for (std::size_t i = 0; i < 6; ++i) m.sdd[i] = sdd[i] - twice[i] + s * own[i];
     return m;
   }
@@ -88,6 +92,20 @@ struct Draft {
 
 enum class Verdict { outside, inside, surface };
 
+// Squared distances of a cube's nearest and farthest place from a field's centre.
+struct Distances {
+  double nearest = 0, farthest = 0;
+};
+Distances squared_distances(const BlobField& f, Vec3 centre, double half) {
+  Distances d;
+  for (int a = 0; a < 3; ++a) {
+    const double offset = std::abs(f.centre[a] - centre[a]);
+    const double inner = std::max(0.0, offset - half), outer = offset + half;
+    d.nearest += inner * inner, d.farthest += outer * outer;
+  }
+  return d;
+}
+
 // Leaves to the cube's list only fields that reach it, and in part.
 Verdict judge(std::span<const BlobField> fields, Draft& cube) {
   const double half = kGrown * cube.half;
@@ -95,12 +113,7 @@ Verdict judge(std::span<const BlobField> fields, Draft& cube) {
   std::size_t kept = 0;
   for (const std::uint32_t i : cube.some) {
     const BlobField& f = fields[i];
-    double nearest = 0, farthest = 0;
-    for (int a = 0; a < 3; ++a) {
-      const double offset = std::abs(f.centre[a] - cube.centre[a]);
-      const double inner = std::max(0.0, offset - half), outer = offset + half;
-      nearest += inner * inner, farthest += outer * outer;
-    }
+    const auto [nearest, farthest] = squared_distances(f, cube.centre, half);
     const double most = f.squared_reach - nearest, least = std::max(0.0, f.squared_reach - farthest);
     if (!(most > 0)) continue;
     sum.most += f.strength * most * most, sum.least += f.strength * least * least;
@@ -112,12 +125,7 @@ Verdict judge(std::span<const BlobField> fields, Draft& cube) {
   if (sum.most > kMostSum) return Verdict::surface;
   std::erase_if(cube.some, [&](std::uint32_t i) {
     const BlobField& f = fields[i];
-    double farthest = 0;
-    for (int a = 0; a < 3; ++a) {
-      const double outer = std::abs(f.centre[a] - cube.centre[a]) + half;
-      farthest += outer * outer;
-    }
-    if (farthest > f.squared_reach) return false;
+    if (squared_distances(f, cube.centre, half).farthest > f.squared_reach) return false;
     cube.whole.add(f, cube.centre);
     return true;
   });
@@ -159,7 +167,6 @@ class Builder {
     take({judge(fields_, root), std::move(root)}, cubes);
     for (int level = 0; level < kMostLevels && !cubes.empty(); ++level) cubes = split_some(std::move(cubes));
     for (const Draft& cube : cubes) keep(cube);
-    context_.throw_if_cancelled();
     return std::move(cells_);
   }
 
@@ -185,7 +192,6 @@ class Builder {
           children[i] = split(fields_, cubes[begin + i]);
         }
       });
-      context_.throw_if_cancelled();
       for (std::size_t i = 0; i < some; ++i) {
         const auto node = static_cast<std::int32_t>(cells_.nodes.size());
         cells_.nodes[static_cast<std::size_t>(cubes[begin + i].node)] = node;
@@ -232,12 +238,12 @@ class Builder {
 
 double BlobSum::value(Vec3 u) const {
   const double squared = squared_norm(u);
-  return constant + 4 * dot(linear, u) + dot(times_square(u), u) + squared * (fourth * squared - 4 * dot(cube, u));
+  return constant + 4 * dot(linear, u) + dot(times(square, u), u) + squared * (fourth * squared - 4 * dot(cube, u));
 }
 
 Vec3 BlobSum::gradient(Vec3 u) const {
   const double squared = squared_norm(u);
-  return 4.0 * linear + 2.0 * times_square(u) + (4 * fourth * squared - 8 * dot(cube, u)) * u - 4 * squared * cube;
+  return 4.0 * linear + 2.0 * times(square, u) + (4 * fourth * squared - 8 * dot(cube, u)) * u - 4 * squared * cube;
 }
 
 Mat3 BlobSum::hessian(Vec3 u) const {

@@ -28,21 +28,20 @@ struct BlobField {
   double strength = 0;
 };
 
+/// A symmetric matrix: xx, yy, zz, xy, xz, yz.
+using Symmetric = std::array<double, 6>;
+
 /// A sum of strength · (squared_reach - d²)², wherever that is, as a polynomial in u, the place from some centre:
 ///   constant + 4 linear·u + uᵀ square u - 4 |u|² cube·u + fourth |u|⁴
 struct BlobSum {
   double constant = 0, fourth = 0;
   Vec3 linear, cube;
-  std::array<double, 6> square{};  ///< xx, yy, zz, xy, xz, yz
+  Symmetric square{};
 
   /// Of the place u.
   double value(Vec3 u) const;
   Vec3 gradient(Vec3 u) const;
   Mat3 hessian(Vec3 u) const;
-  Vec3 times_square(Vec3 u) const {
-    return {square[0] * u.x + square[3] * u.y + square[4] * u.z, square[3] * u.x + square[1] * u.y + square[5] * u.z,
-            square[4] * u.x + square[5] * u.y + square[2] * u.z};
-  }
 };
 
 struct BlobCell {

@@ -347,7 +347,7 @@ class Blobs final : public Tracer, private Primitives {
 
   Colour colour(Vec3 point, const Hit&, std::span<const Colour> table) const override {
     Colour sum;
-    double wfours = 0;
+    double weight = 0;
     Box box;
     box.include(point);
     tree().for_each_overlap(box, [&](std::size_t n) {
@@ -356,9 +356,9 @@ class Blobs final : public Tracer, private Primitives {
       const double q = f.squared_reach - squared_norm(point - f.centre);
       if (!(q > 0) || !(f.squared_ball > 0)) return;
       const double field = f.strength * q * q;
-      sum = sum + field * table[i], wfours += field;
+      sum = sum + field * table[i], weight += field;
     });
-    return wfours > 0 ? 1 / wfours * sum : sum;
+    return weight > 0 ? 1 / weight * sum : sum;
   }
 
   // Of the level set of -sum, whose gradient g points out: (|g|² tr H - gᵀ H g) / (2 |g|³).

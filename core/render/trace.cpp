@@ -11,6 +11,7 @@
 #include <type_traits>
 
 #include "core/base/check.h"
+#include "core/base/elementary.h"
 
 namespace spherule {
 namespace {
@@ -154,7 +155,7 @@ Hierarchy::Hierarchy(const Primitives& primitives, const Context& context)
   if (count > 0) {
     s.centre = 0.5 * (all.min + all.max);
     const Vec3 extent = all.max - all.min;
-    s.radius = 0.5 * norm(extent);
+    s.radius = 0.5 * elementary::hypot(elementary::hypot(extent.x, extent.y), extent.z);
     SPHERULE_CHECK(std::isfinite(s.radius));  // render() refuses what is larger
     if (s.radius > kLeastRadius) s.scale = std::ldexp(1.0, -std::ilogb(s.radius) - 1);
     s.slack = 2e-6 * std::max({extent.x, extent.y, extent.z});
