@@ -23,8 +23,9 @@ constexpr std::uint64_t kAMeasuredCell = 300, kAMeasuredBall = 1600;
 // the same as it is packed, and packed.
 constexpr std::uint64_t kADrawnBall = 280, kAPixel = 12;
 // Of blobs more (core/render/blob_cells.h): cells, which few balls may have many of where they all end in one place.
-// Measured: 2400 (38,000 balls of a liver; 39,000 at random), 17 KiB (1,800 in each other).
-constexpr std::uint64_t kABlob = 3000, kAFewBlob = 24 << 10, kMostOfFewBlobs = 64 << 20;
+// Measured: 1.2 kB (3.2 million of a head, of which 2 million blend), 3.1 (39,000 at random), 3.8 (40,000 in each
+// other); 23 (1,800 within a mm).
+constexpr std::uint64_t kABlob = 4000, kAFewBlob = 24 << 10, kMostOfFewBlobs = 64 << 20;
 // A number in text, as it grows by doubling.
 constexpr std::uint64_t kADecimal = 40;
 // Bits that say on which side samples are.

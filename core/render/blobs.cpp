@@ -21,9 +21,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
-#include <tuple>
 
-#include "core/base/poll.h"
 #include "core/base/vectors.h"
 #include "core/box_tree.h"
 #include "core/render/blob_cells.h"
@@ -272,24 +270,10 @@ BlobField field_of(const Sphere& s, double blend) {
   return {s.centre, s.radius * s.radius, reach * reach, 1 / (gap * gap)};
 }
 
-// Of balls that are the same there is one, stronger.
-std::vector<BlobField> different_fields(std::span<const Sphere> spheres, double blend, const Context& context) {
-  std::vector<Sphere> sorted;
-  for (const Sphere& s : spheres)
-    if (s.radius > 0) sorted.push_back(s);
-  Poll poll(context);
-  const auto key = [](const Sphere& s) { return std::tuple(s.centre.x, s.centre.y, s.centre.z, s.radius); };
-  std::sort(sorted.begin(), sorted.end(),
-            Polled(poll, [&](const Sphere& a, const Sphere& b) { return key(a) < key(b); }));
+std::vector<BlobField> fields_of(std::span<const Sphere> spheres, double blend) {
   std::vector<BlobField> fields;
-  for (std::size_t i = 0; i < sorted.size(); ++i) {
-    const BlobField field = field_of(sorted[i], blend);
-    if (i > 0 && sorted[i] == sorted[i - 1]) {
-      fields.back().strength += field.strength;
-    } else {
-      fields.push_back(field);
-    }
-  }
+  for (const Sphere& s : spheres)
+    if (s.radius > 0) fields.push_back(field_of(s, blend));
   return fields;
 }
 
@@ -299,7 +283,7 @@ class Blobs final : public Tracer, private Primitives {
       : context_{.threads = 1, .cancel = context.cancel, .progress = {}},
         spheres_(spheres),
         blend_(blend),
-        fields_(different_fields(spheres, blend, context)) {
+        fields_(fields_of(spheres, blend)) {
     for (const Sphere& s : spheres)
       if (s.radius > 0) bounds_.include(Sphere{s.centre, s.radius + blend});
     if (!bounds_.empty()) lift_ = 1e-6 * norm(bounds_.max - bounds_.min);

@@ -82,10 +82,38 @@ struct Cell {
 
 constexpr std::size_t kFewBalls = 24;
 constexpr int kMaxLevel = 11;
-// More patches than this cost more memory than they save time: about 160 bytes each, with the tracer's.
-std::size_t most_patches(std::size_t balls) { return (std::size_t{1} << 18) + 16 * balls; }
+// What a part of the search may cost: patches, of about 160 bytes each with the tracer's, and balls looked at.
+struct Budget {
+  std::size_t patches = 0, looks = 0;
+
+  // Of a cell with so many of all `total` balls.
+  Budget share(std::size_t balls, std::size_t total) const {
+    const double part = static_cast<double>(balls) / static_cast<double>(total);
+    return {static_cast<std::size_t>(static_cast<double>(patches) * part),
+            static_cast<std::size_t>(static_cast<double>(looks) * part)};
+  }
+};
+Budget budget_of(std::size_t balls) {
+  return {(std::size_t{1} << 18) + 8 * balls, (std::size_t{1} << 26) + 128 * balls};
+}
 
 Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
+
+// At most what gradient · u is where cell.centre + u is on the sphere and in the cell. There, with n the direction from
+// the sphere's centre to the cell's and D their distance, n·u is (r² - D² - |u|²) / 2D, and |u|² at most 3 half².
+double least_along(Vec3 gradient, const Sphere& s, const Cell& cell) {
+  const auto least_in_cube = [&](Vec3 g) {
+    const Vec3 all = absolute(g);
+    return -cell.half * (all.x + all.y + all.z);
+  };
+  const Vec3 out = cell.centre - s.centre;
+  const double distance = norm(out);
+  if (distance <= 2 * cell.half) return least_in_cube(gradient);
+  const Vec3 n = 1 / distance * out;
+  const double most = (s.radius - distance) * (s.radius + distance) / (2 * distance),
+               least = most - 3 * cell.half * cell.half / (2 * distance), along = dot(gradient, n);
+  return std::max(least_in_cube(gradient), std::min(along * least, along * most) + least_in_cube(gradient - along * n));
+}
 
 // Keeps the balls that may make a part of the surface within the cell; none when a ball covers it.
 void keep_exposed(std::span<const Sphere> spheres, Cell& cell) {
@@ -115,9 +143,8 @@ void keep_exposed(std::span<const Sphere> spheres, Cell& cell) {
   std::erase_if(cell.balls, [&](std::uint32_t i) {
     if (i == lowest) return false;
     const Sphere& s = spheres[i];
-    const Vec3 apart = absolute(s.centre - spheres[lowest].centre);
     const double above = squared_norm(s.centre - cell.centre) - s.radius * s.radius - least;
-    return above - 2 * cell.half * (apart.x + apart.y + apart.z) >= 0;
+    return above + least_along(2.0 * (spheres[lowest].centre - s.centre), s, cell) >= 0;
   });
 }
 
@@ -161,28 +188,27 @@ void join_from(std::size_t first, std::vector<Patch>& patches) {
   patches.erase(out, patches.end());
 }
 
-// Whether a cell's balls may be put into its eight children, each of which may hold them all.
+// Whether so many balls may be put into eight children each, which may hold them all.
 bool may_split(std::size_t balls, std::size_t most) { return balls > kFewBalls && 8 * balls <= most; }
 
-// Of `most`, the part of a cell with so many of all `total` balls.
-std::size_t share_of(std::size_t most, std::size_t balls, std::size_t total) {
-  return static_cast<std::size_t>(static_cast<double>(most) * static_cast<double>(balls) / static_cast<double>(total));
+void take_whole(std::span<const Sphere> spheres, const Cell& cell, std::vector<Patch>& patches) {
+  for (const std::uint32_t i : cell.balls) {
+    const Sphere& s = spheres[i];
+    Box box;
+    for (int a = 0; a < 3; ++a) {
+      box.min[a] = std::max(cell.centre[a] - cell.half, s.centre[a] - s.radius);
+      box.max[a] = std::min(cell.centre[a] + cell.half, s.centre[a] + s.radius);
+    }
+    patches.push_back({box, i});
+  }
 }
 
-// Makes at most `most` patches, unless the cell has more balls than that. Children share `most` by their balls, so that
-// all of the surface is divided as finely: what can afford no more is left as it is.
-void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::size_t most, std::vector<Patch>& patches,
-            const Context& context) {
-  if (level >= kMaxLevel || !may_split(cell.balls.size(), most)) {
-    for (const std::uint32_t i : cell.balls) {
-      const Sphere& s = spheres[i];
-      Box box;
-      for (int a = 0; a < 3; ++a) {
-        box.min[a] = std::max(cell.centre[a] - cell.half, s.centre[a] - s.radius);
-        box.max[a] = std::min(cell.centre[a] + cell.half, s.centre[a] + s.radius);
-      }
-      patches.push_back({box, i});
-    }
+// Makes no more patches than the budget has, unless the cell has more balls than that. Children share it by their
+// balls, so that all of the surface is divided as finely: what can afford no more is left as it is.
+void refine(std::span<const Sphere> spheres, const Cell& cell, int level, const Budget& budget,
+            std::vector<Patch>& patches, const Context& context) {
+  if (level >= kMaxLevel || !may_split(cell.balls.size(), budget.looks)) {
+    take_whole(spheres, cell, patches);
     return;
   }
   context.throw_if_cancelled();
@@ -192,9 +218,12 @@ void refine(std::span<const Sphere> spheres, const Cell& cell, int level, std::s
   for (const Cell& child : children) total += child.balls.size();
   for (const Cell& child : children) {
     if (!child.balls.empty())
-      refine(spheres, child, level + 1, share_of(most, child.balls.size(), total), patches, context);
+      refine(spheres, child, level + 1, budget.share(child.balls.size(), total), patches, context);
   }
   join_from(first, patches);
+  if (patches.size() - first <= std::max(budget.patches, cell.balls.size())) return;
+  patches.resize(first);
+  take_whole(spheres, cell, patches);
 }
 
 std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Context& context) {
@@ -212,11 +241,11 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
 
   // The first levels breadth first, until there is enough work to share.
   constexpr std::size_t kEnoughCells = 512;
-  const std::size_t most = most_patches(root.balls.size());
+  const Budget budget = budget_of(root.balls.size());
   std::size_t total = root.balls.size();
   std::vector<Cell> cells{std::move(root)};
   int level = 0;
-  while (cells.size() < kEnoughCells && level < 4 && may_split(total, most) &&
+  while (cells.size() < kEnoughCells && level < 4 && may_split(total, budget.patches) &&
          std::ranges::any_of(cells, [](const Cell& c) { return c.balls.size() > kFewBalls; })) {
     std::vector<std::array<Cell, 8>> children(cells.size());
     parallel_for(context, {}, cells.size(), 1,
@@ -231,7 +260,7 @@ std::vector<Patch> patches_of_balls(std::span<const Sphere> spheres, const Conte
   }
   std::vector<std::vector<Patch>> pieces(cells.size());
   parallel_for(context, {}, cells.size(), 1, [&](std::size_t i, std::size_t) {
-    refine(spheres, cells[i], level, share_of(most, cells[i].balls.size(), total), pieces[i], context);
+    refine(spheres, cells[i], level, budget.share(cells[i].balls.size(), total), pieces[i], context);
   });
   return joined(pieces);
 }

@@ -11,6 +11,7 @@
 #include "core/marching_cubes.h"
 #include "core/measure.h"
 #include "core/render/annotate.h"
+#include "core/render/blob_balls.h"
 #include "core/render/colouring.h"
 #include "core/render/patches.h"
 #include "core/union.h"
@@ -175,6 +176,19 @@ void take_small_balls(const SphereModel& model, const RenderOptions& o, const st
   for (std::uint32_t i = 0; i < drawn.own.size(); ++i) drawn.patches.push_back({box_of(drawn.own[i]), i});
 }
 
+// Of the balls that drawn.source numbers, all of the model as an empty list: those that blend.
+void take_blending_balls(std::span<const Sphere> balls, const Context& context, Drawn& drawn) {
+  // What of a ball may be out of another that blends for it: a sixteenth of what the surface may be out of both.
+  const std::vector<std::uint32_t> blending = blending_balls(balls, drawn.blend_mm / 16, context);
+  std::vector<std::uint32_t> source;
+  for (const std::uint32_t i : blending) {
+    drawn.own.push_back(balls[i]);
+    source.push_back(drawn.source.empty() ? i : drawn.source[i]);
+  }
+  drawn.source = std::move(source);
+  drawn.balls = drawn.own;
+}
+
 const Solid& solid_of(const SphereModel& model, const char* what) {
   if (!model.solid) {
     throw Error(ErrorCode::unusable,
@@ -190,14 +204,16 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
     case Style::spheres:
     case Style::blobs: {
       drawn.source = chosen(model, o);
-      drawn.balls = model.spheres;
       SphereModel part;
-      if (!drawn.source.empty()) {
-        for (const std::uint32_t i : drawn.source) part.spheres.push_back(model.spheres[i]);
-      }
+      for (const std::uint32_t i : drawn.source) part.spheres.push_back(model.spheres[i]);
       const SphereModel& shown = drawn.source.empty() ? model : part;
       if (o.style == Style::blobs) drawn.blend_mm = blend_of(shown.spheres, o.smoothness);
-      if (drawn.blend_mm == 0) drawn.patches = visible_patches(shown, context);
+      if (drawn.blend_mm > 0) {
+        take_blending_balls(shown.spheres, context, drawn);
+        break;
+      }
+      drawn.patches = visible_patches(shown, context);
+      drawn.balls = model.spheres;
       if (!drawn.source.empty()) {
         drawn.own = std::move(part.spheres);
         drawn.balls = drawn.own;

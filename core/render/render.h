@@ -28,7 +28,7 @@ struct Mesh;
 /// What of a model is drawn.
 enum class Style : std::uint8_t {
   spheres,     ///< the union of the balls
-  blobs,       ///< the balls blended into each other (blobs.cpp)
+  blobs,       ///< the balls blended into each other (blobs.cpp), but for those that others hold (blob_balls.h)
   tetrahedra,  ///< the boundary facets of the inside tetrahedra; raw models only
   surface,     ///< the marching-cubes surface of the same object; needs Subject::surface
   points,      ///< the boundary points, as small balls; raw models only

@@ -92,7 +92,7 @@ std::unique_ptr<const Tracer> trace_facets(std::span<const Vec3> vertices, std::
                                            bool smooth, const Context& context);
 
 /// Balls blended into each other over about blend_mm (above 0), see blobs.cpp; primitives are cells (blob_cells.h). The
-/// spheres must outlive the tracer. About 2.5 kB a ball, and up to 64 MiB where few end in one place. Throws cancelled.
+/// spheres must outlive the tracer. About 3 kB a ball, and up to 64 MiB where few end in one place. Throws cancelled.
 std::unique_ptr<const Tracer> trace_blobs(std::span<const Sphere> spheres, double blend_mm, const Context& context);
 
 // What the tracers are made of.

@@ -308,20 +308,6 @@ TEST(Blobs, AreEnteredAgainByRaysThatStartInside) {
   EXPECT_GT(again, 5);
 }
 
-// All fields end on one sphere; a ray must not ask each of them.
-TEST(Blobs, InOnePlaceTakeNoLongerThanOne) {
-  const std::vector<Sphere> one{{{0, 0, 0}, 1}}, many(10'000, one[0]);
-  const auto seconds = [](std::span<const Sphere> balls) {
-    const auto begin = std::clock();
-    const auto tracer = trace_blobs(balls, 0.5, {});
-    const auto rays = rays_at(2, 20'000);
-    std::vector<Hit> hits(rays.size());
-    tracer->first_hits(rays, hits);
-    return static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
-  };
-  EXPECT_LT(seconds(many), 2 * seconds(one) + 0.5);
-}
-
 TEST(Blobs, FirstRiseIsTheFirst) {
   // A row of blobs that barely do or do not reach 1 between their balls, met end on and across.
   std::vector<Sphere> row;
