@@ -25,8 +25,13 @@ ModelSize size_of(Store& store, const Resource& model) {
                  .inside_cells = info.inside_tetrahedra,
                  .points = info.boundary_points,
                  .stored = model.bytes};
-  const auto source = api::model_from(store.root_of(model).document).source;
-  if (source) size.scan = server::size_of(volume_info(store, source->volume));
+  std::optional<Grid> grid;
+  if (const auto source = api::model_from(store.root_of(model).document).source) {
+    const api::VolumeInfo volume = volume_info(store, source->volume);
+    size.scan = server::size_of(volume);
+    grid = volume.grid;
+  }
+  size.sampled = sampled_box(info.bounds, grid);
   return size;
 }
 ModelSize size_of(Store& store, const std::string& model) { return size_of(store, store.find_model(model)); }

@@ -19,13 +19,14 @@ constexpr std::uint64_t kAPartOfCells = 190, kAPart = 340;
 // While all is measured: of inside cells by thickness and components, of other balls by their power diagram, CGAL's
 // again, of about 7 cells a ball.
 constexpr std::uint64_t kAMeasuredCell = 300, kAMeasuredBall = 1600;
-// Of pictures (130 where balls are cut into patches, 270 where all are drawn whole), and of their pixels: the picture,
-// the same as it is packed, and packed.
-constexpr std::uint64_t kADrawnBall = 280, kAPixel = 12;
+// Of pictures: of raw models a patch a facet, of other balls as many as they show apart (core/render/patches.h; measured:
+// 130 side by side, 540 at random, 1,500 where all touch one sphere from inside); and of their pixels: the picture, the
+// same as it is packed, and packed.
+constexpr std::uint64_t kADrawnCell = 280, kADrawnBall = 1500, kAPixel = 12;
 // Of blobs more (core/render/blob_cells.h): cells, which few balls may have many of where they all end in one place.
 // Measured: 1.2 kB (3.2 million of a head, of which 2 million blend), 3.1 (39,000 at random), 3.8 (40,000 in each
 // other); 23 (1,800 within a mm).
-constexpr std::uint64_t kABlob = 4000, kAFewBlob = 24 << 10, kMostOfFewBlobs = 64 << 20;
+constexpr std::uint64_t kABlob = 4000, kARawBlob = 2000, kAFewBlob = 24 << 10, kMostOfFewBlobs = 64 << 20;
 // A number in text, as it grows by doubling.
 constexpr std::uint64_t kADecimal = 40;
 // Bits that say on which side samples are.
@@ -78,9 +79,9 @@ std::uint64_t memory_to_draw(const RenderOptions& options, std::span<const Model
   constexpr std::uint64_t a_corner = 320;
   std::uint64_t bytes = pixels_of(options, models.size()) * kAPixel;
   for (const ModelSize& model : models) {
-    bytes += model.loaded() + model.spheres * kADrawnBall;
+    bytes += model.loaded() + model.spheres * (model.raw() ? kADrawnCell : kADrawnBall);
     if (options.style == Style::blobs)
-      bytes += model.spheres * kABlob + std::min(model.spheres * kAFewBlob, kMostOfFewBlobs);
+      bytes += model.spheres * (model.raw() ? kARawBlob : kABlob) + std::min(model.spheres * kAFewBlob, kMostOfFewBlobs);
     if (options.style == Style::surface) bytes += scanned(model) + model.points * a_corner;
     if (options.colour_by == ColourBy::contribution) bytes += parts_of(model);
   }
@@ -109,9 +110,9 @@ std::uint64_t memory_to_show_tree(const ModelSize& model) {
 std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t spheres, const Box& box,
                               const std::optional<Grid>& scan) {
   // Text that grows by doubling; corners and triangles of meshes likewise; a block of a level set as it is made, in the
-  // library's tree and in the file; a mask as bits, as bytes and packed.
+  // library's tree and in the file; a mask as bits and packed.
   constexpr std::uint64_t bytes_a_line = 400, bytes_a_triangle = 90, bytes_a_block = 8192, bytes_a_node = 36864,
-                          bytes_a_sample = 3, most_samples = std::uint64_t{1} << 29;
+                          bytes_a_sample = 1, most_samples = std::uint64_t{1} << 29;
   switch (file.format) {
     case FileFormat::glb: {
       if (file.options.glb.style == GlbOptions::Style::instanced) return spheres * bytes_a_line;
@@ -134,13 +135,38 @@ std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t sphere
   }
 }
 
+SampledBox sampled_box(const Box& box, const std::optional<Grid>& grid) {
+  if (box.empty()) return {};
+  constexpr double of_a_union = 0x1p22, most_around = 0x1p27;  // core/simplify/object.h, evaluate.cpp
+  const Vec3 extent = box.max - box.min;
+  const double diagonal = norm(extent);
+  if (!grid) {
+    const double volume = extent.x * extent.y * extent.z;
+    const double around = volume > 0 ? of_a_union * diagonal * diagonal * diagonal / volume : most_around;
+    return {static_cast<std::uint64_t>(of_a_union), static_cast<std::uint64_t>(std::min(around, most_around))};
+  }
+  double samples = 1, around = 1;
+  for (int a = 0; a < 3; ++a) {
+    double along = 0;  // of the box, on the grid's axis
+    for (int b = 0; b < 3; ++b) along += std::abs(grid->direction.rows[static_cast<std::size_t>(b)][a]) * extent[b];
+    samples *= std::min(along / grid->spacing[a] + 3, static_cast<double>(grid->dims[static_cast<std::size_t>(a)]));
+    around *= diagonal / grid->spacing[a] + 3;
+  }
+  return {static_cast<std::uint64_t>(samples), static_cast<std::uint64_t>(std::min(around, most_around))};
+}
+
 std::uint64_t memory_to_simplify(const SimplifyMethod& method, const ModelSize& model, const ModelSize& root) {
-  // Of the object's samples: 5 for distances and what they are made from; where balls are refined also how often each
-  // sample is covered, and by what. Of a raw model 120 bytes a ball for its clusters; of any other what overlaps.
-  constexpr std::uint64_t a_sample = 9, a_refined_sample = 30, a_ball = 160,
-                          samples_of_a_union = std::uint64_t{1} << 22;
-  const std::uint64_t samples = root.scan ? root.scan->samples : samples_of_a_union;
-  std::uint64_t object = samples * (std::holds_alternative<BestOptions>(method) ? a_refined_sample : a_sample);
+  // Of the object's samples: 5 for distances and what they are made from, as far as the result may reach; where balls
+  // are refined also how often each is covered, and by what. Of a raw model 120 bytes a ball for its clusters; of any
+  // other what overlaps.
+  constexpr std::uint64_t a_sample = 9, a_refined_sample = 30, a_ball = 160;
+  const auto* sphericity = std::get_if<SphericityOptions>(&method);
+  const auto* splitting = std::get_if<SplittingOptions>(&method);
+  const bool reaches = (sphericity != nullptr && sphericity->representative == Representative::enclosing) ||
+                       (splitting != nullptr && splitting->representative == Representative::enclosing);
+  const bool refines = std::holds_alternative<BestOptions>(method);
+  std::uint64_t object = root.sampled.samples * (refines ? a_refined_sample : a_sample);
+  if (reaches) object = std::max(object, root.sampled.around * a_sample);
   if (root.scan) object = std::max(object, root.scan->bytes) + bits_of(*root.scan);
   const std::uint64_t reference = root.raw() ? 0 : root.spheres * kAMeasuredBall;
   return object + root.loaded() + model.loaded() + model.spheres * a_ball + std::max(reference, parts_of(model));

@@ -22,12 +22,20 @@ struct ScanSize {
 };
 ScanSize size_of(const api::VolumeInfo& volume);
 
+/// Samples about a model, of its volume's grid, or as many as are made of spheres without one: in its box, and in the
+/// box of the ball around that, as far as a simplified model may reach.
+struct SampledBox {
+  std::uint64_t samples = 0, around = 0;
+};
+SampledBox sampled_box(const Box& box, const std::optional<Grid>& grid);
+
 /// Of a model.
 struct ModelSize {
   std::uint64_t spheres = 0;
   std::uint64_t cells = 0, inside_cells = 0, points = 0;  ///< of a raw model; 0 for any other
   std::uint64_t stored = 0;                               ///< bytes of its blob, which is what it takes in memory ...
   std::optional<ScanSize> scan{};                         ///< of the volume that its chain of sources began with
+  SampledBox sampled{};
 
   bool raw() const { return cells > 0; }
   /// ... and the spheres that are made when it is read.

@@ -537,12 +537,15 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
   const Resource resource = s.find_model(id);
   level = level_of(api::model_from(resource.document), level, listing.needs_levels() || members);
   const Context context = state_->request_context();
-  const auto model = s.load(resource, level, context);
-  const ListedParts parts = s.listed_parts(resource, listing, members, context);
+  Taken taken;
+  const Store::Admit admit = [&](std::uint64_t bytes) { state_->take(taken.bytes + bytes, taken, context); };
+  const auto model = s.load(resource, level, context, admit);
+  const ListedParts parts = s.listed_parts(resource, listing, members, context, admit);
   std::shared_ptr<const Contributions> contributions;
   if (listing.needs_contributions()) {
     const Resource answer = s.find(Store::contributions_id(id, level), answers_collection, "measure");
     contributions = s.contributions.get_or_load(answer.id, [&] {
+      admit(answer.bytes);
       const Store::Permit permit(s, context);
       const auto loaded = std::make_shared<const Contributions>(s.read_union_of(answer, *model, context));
       return Cache<Contributions>::Loaded{loaded, loaded->bytes()};
@@ -553,7 +556,10 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
 }
 
 RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) {
-  const auto model = state_->store.load(state_->store.find_model(id), state_->request_context());
+  const Context context = state_->request_context();
+  Taken taken;
+  const auto model = state_->store.load(state_->store.find_model(id), context,
+                                        [&](std::uint64_t bytes) { state_->take(bytes, taken, context); });
   return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 

@@ -197,8 +197,9 @@ Volume Store::stored_volume(const Resource& resource, const Context& context) co
   return read(info.files, open, info.parameters, context);
 }
 
-std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context) {
+std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context, const Admit& admit) {
   const auto read = [&] {
+    if (admit) admit(resource.bytes + api::model_from(resource.document).spheres * sizeof(Sphere));
     const Permit permit(*this, context);
     const Blob blob = blobs.open(resource.blobs.at(0));
     blob.verify(context);
@@ -208,14 +209,17 @@ std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const C
   return cache.get_or_load(resource.id, read, context);
 }
 
-std::shared_ptr<const SphereModel> Store::load(const Resource& resource, std::uint32_t level, const Context& context) {
-  if (level == 0) return load(resource, context);
+std::shared_ptr<const SphereModel> Store::load(const Resource& resource, std::uint32_t level, const Context& context,
+                                               const Admit& admit) {
+  if (level == 0) return load(resource, context, admit);
   return std::make_shared<const SphereModel>(
-      SphereModel{.spheres = spheres_at(*load_levels(resource, context), level), .solid = {}});
+      SphereModel{.spheres = spheres_at(*load_levels(resource, context, admit), level), .solid = {}});
 }
 
-std::shared_ptr<const Simplification> Store::load_levels(const Resource& resource, const Context& context) {
+std::shared_ptr<const Simplification> Store::load_levels(const Resource& resource, const Context& context,
+                                                         const Admit& admit) {
   const auto read = [&] {
+    if (admit) admit(resource.bytes);
     const Permit permit(*this, context);
     const Blob blob = blobs.open(resource.blobs.at(0));
     blob.verify(context);
@@ -226,11 +230,11 @@ std::shared_ptr<const Simplification> Store::load_levels(const Resource& resourc
 }
 
 ListedParts Store::listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
-                                const Context& context) {
+                                const Context& context, const Admit& admit) {
   ListedParts parts;
-  if (listing.needs_levels() || members) parts.levels = load_levels(resource, context);
+  if (listing.needs_levels() || members) parts.levels = load_levels(resource, context, admit);
   if (listing.rows == api::SphereRows::members) {
-    parts.source = load(find_model(api::model_from(resource.document).simplification->request.model), context);
+    parts.source = load(find_model(api::model_from(resource.document).simplification->request.model), context, admit);
   }
   return parts;
 }

@@ -127,14 +127,19 @@ struct Store {
 
   // In what follows, `level` is that of api::DerivedRequest: 0 for the whole model.
 
+  /// Hears what something will take in memory before it is read from the disk, and may throw.
+  using Admit = std::function<void(std::uint64_t bytes)>;
+
   /// The model, from memory or the disk.
-  std::shared_ptr<const SphereModel> load(const Resource& resource, const Context& context);
-  std::shared_ptr<const SphereModel> load(const Resource& resource, std::uint32_t level, const Context& context);
+  std::shared_ptr<const SphereModel> load(const Resource& resource, const Context& context, const Admit& admit = {});
+  std::shared_ptr<const SphereModel> load(const Resource& resource, std::uint32_t level, const Context& context,
+                                          const Admit& admit = {});
   /// The levels of a simplified model, likewise.
-  std::shared_ptr<const Simplification> load_levels(const Resource& resource, const Context& context);
+  std::shared_ptr<const Simplification> load_levels(const Resource& resource, const Context& context,
+                                                    const Admit& admit = {});
   /// What rows of a listing need of a model beside its spheres and contributions.
   ListedParts listed_parts(const Resource& resource, const api::SphereListing& listing, bool members,
-                           const Context& context);
+                           const Context& context, const Admit& admit = {});
   /// Makes the model's blob durable and describes it as a resource.
   Resource keep(api::ModelInfo& info, SphereModel&& model, Stopwatch& watch, const Context& context);
   Resource keep(api::ModelInfo& info, const Simplification& levels, Stopwatch& watch, const Context& context);

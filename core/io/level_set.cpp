@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <openvdb/io/Archive.h>
 #include <openvdb/openvdb.h>
+#include <tbb/task_group.h>
 
 #include <algorithm>
 #include <array>
@@ -10,6 +11,7 @@
 #include <memory>
 #include <set>
 #include <sstream>
+#include <stop_token>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -288,7 +290,11 @@ class Memory : public openvdb::io::Archive {
     HearingBuffer buffer(context);
     std::ostream out(&buffer);
     out.exceptions(std::ios::badbit);  // what the buffer throws is not swallowed
-    write(out, openvdb::GridCPtrVec{grid}, /*seekable=*/true);
+    // The library packs all leaves once for their sizes, before it writes the first byte.
+    tbb::task_group_context group;
+    const std::stop_callback stop(context.cancel, [&] { group.cancel_group_execution(); });
+    tbb::task_group(group).run_and_wait([&] { write(out, openvdb::GridCPtrVec{grid}, /*seekable=*/true); });
+    context.throw_if_cancelled();  // which a group that is cancelled does not pass on
     return std::move(buffer).str();
   }
 };

@@ -212,7 +212,11 @@ Drawn drawn_of(const Subject& subject, const RenderOptions& o, const Context& co
         take_blending_balls(shown.spheres, context, drawn);
         break;
       }
-      drawn.patches = visible_patches(shown, context);
+      if (drawn.source.empty() && !subject.patches.empty()) {
+        drawn.patches.assign(subject.patches.begin(), subject.patches.end());
+      } else {
+        drawn.patches = visible_patches(shown, context);
+      }
       drawn.balls = model.spheres;
       if (!drawn.source.empty()) {
         drawn.own = std::move(part.spheres);

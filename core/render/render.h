@@ -18,6 +18,7 @@
 #include "core/base/geometry.h"
 #include "core/render/camera.h"
 #include "core/render/image.h"
+#include "core/render/patches.h"
 #include "core/render/scene.h"
 #include "core/spheres.h"
 
@@ -91,6 +92,7 @@ struct Subject {
   const SphereModel* model = nullptr;
   const Mesh* surface = nullptr;                ///< for Style::surface, which is refused without
   std::span<const double> contributions_mm3{};  ///< of each sphere, for ColourBy::contribution; else it is measured
+  std::span<const Patch> patches{};             ///< as visible_patches gives them; else they are found
 };
 
 /// Ray-traced pictures of one model, or of two: one frame, or those of a turn. Panels of several views lie side by
@@ -98,7 +100,7 @@ struct Subject {
 /// whatever is left out or drawn in their place, so that pictures of one model compare. The same bytes for every thread
 /// count. Only the exposed part of each ball is traced (patches.h), so raw models of millions of balls cost little more
 /// than a few. Memory beside the models and the pictures: about 160 bytes a patch (280 MiB for the 1.8 million patches
-/// of a head's 3.25 million balls, by bench_render), of which models that are no tetrahedra have at most 2^18 + 16 a
+/// of a head's 3.25 million balls, by bench_render), of which models that are no tetrahedra have at most 2^19 + 16 a
 /// ball; 64 bytes a ball that is drawn; 8 bytes a pixel of a panel; and a few MiB for each thread. Throws
 /// invalid_argument for options outside their ranges, with field errors; unusable when there is nothing to draw, when a
 /// model lacks what the style or the colours need or is too small for its distance from the origin, or when a

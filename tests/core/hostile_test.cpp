@@ -38,8 +38,9 @@ double seconds(const std::function<void()>& work) {
   return now() - begin;
 }
 
-// n log n at sixteen times n is about twenty times as much, n² is 256 times. Below the least time caches decide.
-constexpr double kMostGrowth = 64, kLeast = 0.004;
+// n log n at sixteen times n is about twenty times as much, and up to eighty where what fitted caches does not any
+// more; n² is 256 times. Below the least time caches decide.
+constexpr double kMostGrowth = 128, kLeast = 0.004;
 
 void expect_growth(const std::string& what, const std::function<void()>& few, const std::function<void()>& many) {
   const double before = seconds(few);

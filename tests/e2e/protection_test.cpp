@@ -233,6 +233,30 @@ TEST(Memory, DecidesWhichUploadsAreRead) {
   client.upload(kRaw, ball(20, 9));
 }
 
+// What was made under a larger budget is not read for a page of it under one that it does not fit.
+TEST(Memory, DecidesWhichModelsAreRead) {
+  const TemporaryFolder folder;
+  std::string path;
+  {
+    ServerProcess server(folder.path() / "data");
+    std::string rows = "x,y,z,r\n";
+    for (int i = 0; i < 20'000; ++i) rows += std::to_string(i) + ",2,3,4\n";
+    path = "/v1/models/" +
+           Client(server.port()).post("/v1/models", {.body = rows, .type = "text/csv"}).json().value("id", "");
+    EXPECT_EQ(Client(server.port()).get(path + "/spheres?limit=1").status, 200);
+    EXPECT_EQ(server.terminate(), 0);
+  }
+  const ServerProcess server(folder.path() / "data", {"--job-memory-bytes", "1M"});
+  const Client client(server.port());
+  for (const char* what : {"/spheres?limit=1", "/histogram"}) {
+    const Answer refused = client.get(path + what);
+    EXPECT_EQ(refused.status, 422) << what;
+    EXPECT_NE(refused.json().value("detail", "").find("MiB of memory, and this server has 1 MiB"), std::string::npos)
+        << refused.body;
+  }
+  EXPECT_EQ(client.get(path).status, 200);
+}
+
 TEST(Retention, DeletesWhatNobodyUses) {
   const TemporaryFolder folder;
   const ServerProcess server(folder.path() / "data", {"--keep-volumes", "2s"});

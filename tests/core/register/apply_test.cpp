@@ -11,6 +11,7 @@
 #include "core/register/picture.h"
 #include "core/register/resample.h"
 #include "tests/core/register/poses.h"
+#include "tests/core/render/scenes.h"
 #include "tests/errors.h"
 
 namespace spherule {
@@ -144,6 +145,25 @@ TEST(BeforeAfter, ShowsTwoPicturesThatDiffer) {
   for (int y = 0; y < 50; ++y)
     for (int x = 0; x < 60; ++x) right.insert(right.end(), still.at(60 + x, y), still.at(60 + x, y) + 4);
   EXPECT_EQ(half(60), right);
+}
+
+// What raw models show is found by their tetrahedra, and moved with them.
+TEST(BeforeAfter, ShowsAllBallsOfRawModels) {
+  const Scan scan = lumpy_scan();
+  const SphereModel raw = build_model(scan.volume, scan.rule).model;
+  const AffineMap map{scaled(1.1, rotation(Vec3{0.3, 0.2, 0.5})), {3, 4, 5}};
+  const RenderOptions options{.width = 200, .height = 200, .layout = Layout::overlaid};
+  const Image both = before_and_after(raw, raw, map, options);
+  const SphereModel still{.spheres = raw.spheres, .solid = {}};
+  SphereModel moved = still;
+  for (int after = 0; after < 2; ++after) {
+    const std::array<Subject, 2> subjects{Subject{.model = &still}, Subject{.model = &moved}};
+    const Image one = render(subjects, options).front();
+    Image part = blank_image(one.width, one.height);
+    place(both, -after * one.width, 0, part);
+    EXPECT_EQ(part.rgba, one.rgba) << after;
+    for (Sphere& ball : moved.spheres) ball = {map(ball.centre), scale_of(map) * ball.radius};
+  }
 }
 
 TEST(BeforeAfter, RefusesStylesThatNeedMoreThanBalls) {
