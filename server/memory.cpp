@@ -19,9 +19,9 @@ constexpr std::uint64_t kAPartOfCells = 190, kAPart = 340;
 // While all is measured: of inside cells by thickness and components, of other balls by their power diagram, CGAL's
 // again, of about 7 cells a ball.
 constexpr std::uint64_t kAMeasuredCell = 300, kAMeasuredBall = 1600;
-// Of pictures: of raw models a patch a facet, of other balls as many as they show apart (core/render/patches.h; measured:
-// 130 side by side, 540 at random, 1,500 where all touch one sphere from inside); and of their pixels: the picture, the
-// same as it is packed, and packed.
+// Of pictures: of raw models a patch a facet, of other balls as many as they show apart (core/render/patches.h;
+// measured: 130 side by side, 540 at random, 1,500 where all touch one sphere from inside); and of their pixels: the
+// picture, the same as it is packed, and packed.
 constexpr std::uint64_t kADrawnCell = 280, kADrawnBall = 1500, kAPixel = 12;
 // Of blobs more (core/render/blob_cells.h): cells, which few balls may have many of where they all end in one place.
 // Measured: 1.2 kB (3.2 million of a head, of which 2 million blend), 3.1 (39,000 at random), 3.8 (40,000 in each
@@ -81,7 +81,8 @@ std::uint64_t memory_to_draw(const RenderOptions& options, std::span<const Model
   for (const ModelSize& model : models) {
     bytes += model.loaded() + model.spheres * (model.raw() ? kADrawnCell : kADrawnBall);
     if (options.style == Style::blobs)
-      bytes += model.spheres * (model.raw() ? kARawBlob : kABlob) + std::min(model.spheres * kAFewBlob, kMostOfFewBlobs);
+      bytes +=
+          model.spheres * (model.raw() ? kARawBlob : kABlob) + std::min(model.spheres * kAFewBlob, kMostOfFewBlobs);
     if (options.style == Style::surface) bytes += scanned(model) + model.points * a_corner;
     if (options.colour_by == ColourBy::contribution) bytes += parts_of(model);
   }
