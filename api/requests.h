@@ -81,7 +81,7 @@ SliceRequest slice_request(const Request& request, const VolumeInfo& volume, std
 /// The query that asks for this slice: its object, its format and what differs from the defaults.
 std::string query_of(const SliceRequest& request);
 
-/// The options of a file's format (core/io/export_file.h) and `?level=` (0 when absent), and no other.
+/// The options of a file's format (core/write/export_file.h) and `?level=` (0 when absent), and no other.
 std::pair<FileRequest, std::uint32_t> file_request(const Request& request, FileFormat format);
 /// The query that asks for this file: what differs from the defaults.
 std::string query_of(const FileRequest& request);

@@ -22,18 +22,18 @@
 #include <vector>
 
 #include "core/base/geometry.h"
-#include "core/checks.h"
 #include "core/inside.h"
-#include "core/io/export.h"
-#include "core/io/export_file.h"
-#include "core/io/read.h"
-#include "core/measure.h"
-#include "core/measures.h"
+#include "core/measure/checks.h"
+#include "core/measure/report.h"
+#include "core/measure/solid.h"
+#include "core/read/read.h"
 #include "core/register/register.h"
 #include "core/render/render.h"
 #include "core/render/slice_picture.h"
 #include "core/simplify/simplify.h"
 #include "core/volume.h"
+#include "core/write/export.h"
+#include "core/write/export_file.h"
 
 namespace spherule::api {
 

@@ -7,14 +7,14 @@
 #include <variant>
 
 #include "api/documents.h"
-#include "core/checks.h"
-#include "core/io/export.h"
-#include "core/io/export_file.h"
-#include "core/marching_cubes.h"
-#include "core/measures.h"
+#include "core/compare/marching_cubes.h"
+#include "core/measure/checks.h"
+#include "core/measure/report.h"
 #include "core/render/render.h"
 #include "core/render/slice_picture.h"
-#include "core/slice.h"
+#include "core/slice/slice.h"
+#include "core/write/export.h"
+#include "core/write/export_file.h"
 #include "server/listing.h"
 
 namespace spherule::server {

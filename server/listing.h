@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "api/service.h"
-#include "core/ranking.h"
+#include "core/measure/ranking.h"
+#include "core/measure/union.h"
 #include "core/simplify/result.h"
 #include "core/spheres.h"
-#include "core/union.h"
 
 namespace spherule::server {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <variant>
 
-#include "core/io/export_grids.h"
+#include "core/write/export_grids.h"
 
 namespace spherule::server {
 
@@ -13,8 +13,8 @@ namespace {
 
 // CGAL's triangulation is most of it. Measured: 480 to 667 bytes (ct-head, abdomen-ct, engine, ch2).
 constexpr std::uint64_t kAPoint = 700;
-// Of a union's parts with what they are made from: of inside cells (core/union.h: 140, and the part), of other balls
-// (300, and the part).
+// Of a union's parts with what they are made from: of inside cells (core/measure/union.h: 140, and the part), of other
+// balls (300, and the part).
 constexpr std::uint64_t kAPartOfCells = 190, kAPart = 340;
 // While all is measured: of inside cells by thickness and components, of other balls by their power diagram, CGAL's
 // again, of about 7 cells a ball.
@@ -138,7 +138,7 @@ std::uint64_t memory_to_write(const api::FileRequest& file, std::uint64_t sphere
 
 SampledBox sampled_box(const Box& box, const std::optional<Grid>& grid) {
   if (box.empty()) return {};
-  constexpr double of_a_union = 0x1p22, most_around = 0x1p27;  // core/simplify/object.h, evaluate.cpp
+  constexpr double of_a_union = 0x1p22, most_around = 0x1p27;  // core/sampled/object.h, evaluate.cpp
   const Vec3 extent = box.max - box.min;
   const double diagonal = norm(extent);
   if (!grid) {

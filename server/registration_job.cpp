@@ -5,10 +5,10 @@
 
 #include "api/documents.h"
 #include "api/registration_documents.h"
-#include "core/io/write_nifti.h"
 #include "core/register/picture.h"
 #include "core/register/register.h"
 #include "core/register/resample.h"
+#include "core/write/write_nifti.h"
 
 namespace spherule::server {
 

@@ -8,8 +8,8 @@
 
 #include "api/documents.h"
 #include "api/registration_documents.h"
-#include "core/io/read.h"
 #include "core/pipeline.h"
+#include "core/read/read.h"
 #include "server/model_blob.h"
 #include "server/union_blob.h"
 

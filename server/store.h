@@ -15,9 +15,9 @@
 
 #include "api/service.h"
 #include "core/base/context.h"
+#include "core/measure/union.h"
 #include "core/simplify/result.h"
 #include "core/spheres.h"
-#include "core/union.h"
 #include "core/volume.h"
 #include "server/aside.h"
 #include "server/blob_store.h"

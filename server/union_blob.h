@@ -16,7 +16,7 @@
 #include <functional>
 #include <string_view>
 
-#include "core/union.h"
+#include "core/measure/union.h"
 #include "server/staging.h"
 
 namespace spherule::server {

@@ -10,7 +10,7 @@
 #include <system_error>
 
 #include "core/base/error.h"
-#include "core/io/export.h"
+#include "core/write/export.h"
 
 namespace spherule::cli {
 

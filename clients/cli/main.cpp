@@ -21,15 +21,15 @@
 #include "clients/cli/report.h"
 #include "core/base/error.h"
 #include "core/boundary.h"
-#include "core/checks.h"
-#include "core/io/export.h"
-#include "core/io/export_file.h"
-#include "core/measures.h"
+#include "core/measure/checks.h"
+#include "core/measure/report.h"
+#include "core/measure/union.h"
 #include "core/pipeline.h"
 #include "core/register/itk.h"
 #include "core/register/register.h"
 #include "core/simplify/simplify.h"
-#include "core/union.h"
+#include "core/write/export.h"
+#include "core/write/export_file.h"
 
 namespace spherule::cli {
 namespace {

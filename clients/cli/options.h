@@ -11,7 +11,7 @@
 
 #include "core/base/option_texts.h"
 #include "core/inside.h"
-#include "core/io/read.h"
+#include "core/read/read.h"
 #include "core/register/solve.h"
 #include "core/render/render.h"
 #include "core/simplify/simplify.h"
@@ -34,7 +34,7 @@ struct Options {
   std::optional<SimplifyMethod> method;
   RenderOptions render;
   std::filesystem::path out;  ///< empty: nothing is written
-  OptionTexts file;           ///< of the file's format (core/io/export_file.h), by its names
+  OptionTexts file;           ///< of the file's format (core/write/export_file.h), by its names
   unsigned threads = 1;
   bool plain = false;  ///< "key value" lines for scripts
   bool help = false;

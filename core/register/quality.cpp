@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "core/base/parallel.h"
-#include "core/simplify/ball_tree.h"
-#include "core/union.h"
+#include "core/measure/union.h"
+#include "core/trees/ball_tree.h"
 
 namespace spherule {
 

@@ -11,7 +11,7 @@
 #include "core/base/elementary.h"
 #include "core/base/parallel.h"
 #include "core/base/ranges.h"
-#include "core/mass.h"
+#include "core/measure/mass.h"
 #include "core/register/overlap.h"
 #include "core/register/rotations.h"
 

@@ -6,7 +6,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
-#include "core/simplify/ball_tree.h"
+#include "core/trees/ball_tree.h"
 
 namespace spherule {
 

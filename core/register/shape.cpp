@@ -7,12 +7,12 @@
 
 #include "core/base/elementary.h"
 #include "core/base/poll.h"
-#include "core/mass.h"
-#include "core/measure.h"
-#include "core/simplify/ball_tree.h"
+#include "core/measure/mass.h"
+#include "core/measure/solid.h"
+#include "core/measure/union.h"
 #include "core/simplify/represent.h"
 #include "core/simplify/splitting.h"
-#include "core/union.h"
+#include "core/trees/ball_tree.h"
 
 namespace spherule {
 

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "core/base/context.h"
-#include "core/register/point_tree.h"
 #include "core/spheres.h"
+#include "core/trees/point_tree.h"
 
 namespace spherule {
 

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "core/base/poll.h"
-#include "core/box_tree.h"
+#include "core/trees/box_tree.h"
 
 namespace spherule {
 namespace {

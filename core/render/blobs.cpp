@@ -23,9 +23,9 @@
 #include <mutex>
 
 #include "core/base/vectors.h"
-#include "core/box_tree.h"
 #include "core/render/blob_cells.h"
 #include "core/render/trace.h"
+#include "core/trees/box_tree.h"
 
 namespace spherule {
 namespace {

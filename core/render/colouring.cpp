@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/base/disjoint_sets.h"
-#include "core/components.h"
+#include "core/measure/components.h"
 
 namespace spherule {
 namespace {

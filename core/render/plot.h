@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/measure.h"
+#include "core/measure/solid.h"
 #include "core/render/drawing.h"
 
 namespace spherule {

@@ -8,13 +8,13 @@
 #include "core/base/elementary.h"
 #include "core/base/error.h"
 #include "core/base/ranges.h"
-#include "core/marching_cubes.h"
-#include "core/measure.h"
+#include "core/compare/marching_cubes.h"
+#include "core/measure/solid.h"
+#include "core/measure/union.h"
 #include "core/render/annotate.h"
 #include "core/render/blob_balls.h"
 #include "core/render/colouring.h"
 #include "core/render/patches.h"
-#include "core/union.h"
 
 namespace spherule {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "core/base/context.h"
 #include "core/render/drawing.h"
-#include "core/slice.h"
+#include "core/slice/slice.h"
 #include "core/volume.h"
 
 namespace spherule {

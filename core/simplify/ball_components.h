@@ -12,8 +12,8 @@
 
 #include "core/base/context.h"
 #include "core/base/poll.h"
-#include "core/simplify/ball_tree.h"
 #include "core/spheres.h"
+#include "core/trees/ball_tree.h"
 
 namespace spherule::detail {
 

@@ -9,14 +9,14 @@
 #include "core/base/check.h"
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
-#include "core/enclosing.h"
-#include "core/simplify/ball_tree.h"
+#include "core/measure/enclosing.h"
+#include "core/measure/union.h"
 #include "core/simplify/cover.h"
 #include "core/simplify/fit.h"
 #include "core/simplify/levels.h"
 #include "core/simplify/splitting.h"
 #include "core/simplify/together.h"
-#include "core/union.h"
+#include "core/trees/ball_tree.h"
 
 namespace spherule {
 

@@ -9,7 +9,7 @@
 #include <optional>
 
 #include "core/base/context.h"
-#include "core/simplify/object.h"
+#include "core/sampled/object.h"
 #include "core/simplify/result.h"
 #include "core/spheres.h"
 

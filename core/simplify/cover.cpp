@@ -9,7 +9,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
-#include "core/simplify/rows.h"
+#include "core/sampled/rows.h"
 
 namespace spherule::detail {
 

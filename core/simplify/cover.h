@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/base/context.h"
-#include "core/simplify/object.h"
+#include "core/sampled/object.h"
 #include "core/spheres.h"
 
 namespace spherule::detail {

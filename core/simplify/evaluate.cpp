@@ -7,11 +7,11 @@
 
 #include "core/base/poll.h"
 #include "core/base/progress.h"
-#include "core/power.h"
+#include "core/measure/power.h"
+#include "core/measure/union.h"
+#include "core/sampled/rows.h"
 #include "core/simplify/distance.h"
 #include "core/simplify/frame.h"
-#include "core/simplify/rows.h"
-#include "core/union.h"
 
 namespace spherule {
 

@@ -8,8 +8,8 @@
 #include <span>
 
 #include "core/base/context.h"
-#include "core/measure.h"
-#include "core/simplify/object.h"
+#include "core/measure/solid.h"
+#include "core/sampled/object.h"
 #include "core/spheres.h"
 
 namespace spherule {

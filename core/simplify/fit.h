@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "core/base/geometry.h"
+#include "core/sampled/object.h"
 #include "core/simplify/frame.h"
-#include "core/simplify/object.h"
 
 namespace spherule::detail {
 

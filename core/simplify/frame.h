@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/simplify/object.h"
-#include "core/simplify/rows.h"
+#include "core/sampled/object.h"
+#include "core/sampled/rows.h"
 
 namespace spherule::detail {
 

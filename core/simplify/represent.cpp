@@ -7,9 +7,9 @@
 
 #include "core/base/elementary.h"
 #include "core/base/parallel.h"
-#include "core/enclosing.h"
+#include "core/measure/enclosing.h"
+#include "core/measure/union.h"
 #include "core/predicates.h"
-#include "core/union.h"
 
 namespace spherule {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/context.h"
-#include "core/simplify/object.h"
+#include "core/sampled/object.h"
 
 namespace spherule::detail {
 

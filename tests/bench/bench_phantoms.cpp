@@ -7,9 +7,9 @@
 #include <cstdio>
 #include <numbers>
 
-#include "core/measure.h"
+#include "core/measure/solid.h"
+#include "core/measure/union.h"
 #include "core/pipeline.h"
-#include "core/union.h"
 #include "tests/bench/scans.h"
 #include "tests/phantoms.h"
 

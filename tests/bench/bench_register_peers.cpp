@@ -16,8 +16,8 @@
 #include <iostream>
 #include <sstream>
 
-#include "core/io/write_nifti.h"
 #include "core/register/register.h"
+#include "core/write/write_nifti.h"
 #include "tests/bench/registration_pairs.h"
 
 namespace spherule::bench {

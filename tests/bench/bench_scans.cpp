@@ -9,8 +9,8 @@
 
 #include <cstdio>
 
-#include "core/checks.h"
-#include "core/measure.h"
+#include "core/measure/checks.h"
+#include "core/measure/solid.h"
 #include "core/pipeline.h"
 #include "tests/bench/scans.h"
 

@@ -12,8 +12,8 @@
 #include <numbers>
 #include <random>
 
-#include "core/io/read.h"
 #include "core/pipeline.h"
+#include "core/read/read.h"
 #include "core/render/image.h"
 #include "core/render/render.h"
 #include "core/simplify/best.h"

@@ -15,8 +15,8 @@
 #include <new>
 #include <random>
 
+#include "core/measure/union.h"
 #include "core/pipeline.h"
-#include "core/union.h"
 #include "tests/bench/scans.h"
 
 using namespace spherule;

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/inside.h"
-#include "core/io/read.h"
+#include "core/read/read.h"
 
 namespace spherule::bench {
 

@@ -16,10 +16,10 @@
 #include <numbers>
 #include <sstream>
 
-#include "core/io/export.h"
-#include "core/io/export_file.h"
-#include "core/io/read.h"
-#include "core/union.h"
+#include "core/measure/union.h"
+#include "core/read/read.h"
+#include "core/write/export.h"
+#include "core/write/export_file.h"
 
 namespace spherule {
 namespace {

@@ -11,17 +11,17 @@
 #include <span>
 #include <utility>
 
-#include "core/checks.h"
-#include "core/components.h"
-#include "core/enclosing.h"
-#include "core/marching_cubes.h"
-#include "core/measure.h"
+#include "core/compare/marching_cubes.h"
+#include "core/measure/checks.h"
+#include "core/measure/components.h"
+#include "core/measure/enclosing.h"
+#include "core/measure/power.h"
+#include "core/measure/solid.h"
+#include "core/measure/thickness.h"
+#include "core/measure/union.h"
 #include "core/pipeline.h"
-#include "core/power.h"
 #include "core/register/register.h"
 #include "core/simplify/simplify.h"
-#include "core/thickness.h"
-#include "core/union.h"
 
 namespace spherule {
 namespace {

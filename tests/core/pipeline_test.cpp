@@ -9,10 +9,10 @@
 #include <filesystem>
 #include <numbers>
 
-#include "core/checks.h"
-#include "core/io/read.h"
-#include "core/measure.h"
+#include "core/measure/checks.h"
+#include "core/measure/solid.h"
 #include "core/predicates.h"
+#include "core/read/read.h"
 #include "tests/phantoms.h"
 
 namespace spherule {

@@ -10,7 +10,7 @@
 #include <string_view>
 
 #include "core/base/error.h"
-#include "core/marching_cubes.h"
+#include "core/compare/marching_cubes.h"
 #include "core/register/picture.h"
 #include "core/render/options.h"
 #include "core/render/render.h"

@@ -5,7 +5,7 @@
 #include <cstdlib>
 
 #include "core/base/error.h"
-#include "core/io/export.h"
+#include "core/write/export.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace spherule;

@@ -13,7 +13,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/io/read.h"
+#include "core/read/read.h"
 
 namespace spherule::fuzz {
 

@@ -30,18 +30,36 @@ only_in libarchive 'archive(_entry)?\.h' '^server/archive\.cpp$'
 only_in zstd 'zstd\.h' '^server/http/encoding\.cpp$|^tests/e2e/'
 only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
 only_in SQLite 'sqlite3\.h' '^server/sqlite\.cpp$|^tests/server/'
-only_in CGAL 'CGAL/' '^core/(delaunay|enclosing|plane_delaunay|power)\.cpp$|^tests/(core|bench)/\w+\.cpp$'
+only_in CGAL 'CGAL/' '^core/(delaunay|slice/plane_delaunay|measure/(enclosing|power))\.cpp$|^tests/core/(\w+/)?\w+\.cpp$|^tests/bench/\w+\.cpp$'
 only_in Embree 'embree' '^core/render/\w+\.cpp$'
 only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
-only_in ITK 'itk[A-Z]\w+\.h' '^core/io/\w+\.cpp$|^tests/core/register/itk_test\.cpp$'
-only_in nifti 'nifti' '^core/io/\w+\.cpp$'
-only_in OpenVDB 'openvdb/' '^core/io/\w+\.cpp$|^tests/io/\w+\.cpp$'
+only_in ITK 'itk[A-Z]\w+\.h' '^core/read/\w+\.cpp$|^tests/core/register/itk_test\.cpp$'
+only_in nifti 'nifti' '^core/(read|write)/\w+\.cpp$'
+only_in OpenVDB 'openvdb/' '^core/(read|write)/\w+\.cpp$|^tests/(read|write)/\w+\.cpp$'
 only_in SLEEF 'sleef\.h' '^core/base/elementary\.cpp$'
 only_in toml++ 'toml' '^server/config\.cpp$'
 forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
 
 # Code depends one way: core knows nobody, api knows core, server knows both, clients/cli only core.
 forbid 'core knows nobody else' "^core/.*$cpp" '^\s*#\s*include\s*"(?!core/)'
+# And so do its rooms: each knows base/, the values of the root, and the rooms named here.
+room() {
+  local name=$1 known=$2
+  forbid "core/$name knows only ${known//|/, }" "^core/$name/.*$cpp" "^\\s*#\\s*include\\s*\"core/(?!($name|$known)/)\\w+/"
+}
+forbid 'the root of core knows only base' "^core/\\w+$cpp" '^\s*#\s*include\s*"core/(?!base/)\w+/'
+forbid 'core/read knows of the root only the volume' "^core/read/.*$cpp" '^\s*#\s*include\s*"core/(?!volume\.h)\w+\.h'
+room base base
+room trees base
+room read base
+room compare base
+room sampled base
+room slice base
+room measure 'base|trees|compare'
+room simplify 'base|trees|measure|sampled'
+room write 'base|measure|sampled'
+room render 'base|trees|measure|compare|slice'
+room register 'base|trees|measure|simplify|render'
 forbid 'api knows only core' "^api/.*$cpp" '^\s*#\s*include\s*"(?!(api|core)/)'
 forbid 'server knows only api and core' "^server/.*$cpp" '^\s*#\s*include\s*"(?!(server|api|core)/)'
 forbid 'the command line knows only core' "^clients/cli/.*$cpp" '^\s*#\s*include\s*"(?!(clients/cli|core)/)'

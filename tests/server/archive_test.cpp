@@ -11,7 +11,7 @@
 
 #include "core/base/error.h"
 #include "core/inside.h"
-#include "core/io/read.h"
+#include "core/read/read.h"
 #include "server/digest.h"
 #include "tests/archives.h"
 

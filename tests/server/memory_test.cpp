@@ -5,7 +5,7 @@
 
 #include <array>
 
-#include "core/io/export_grids.h"
+#include "core/write/export_grids.h"
 
 namespace spherule::server {
 namespace {

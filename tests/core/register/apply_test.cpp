@@ -5,11 +5,11 @@
 
 #include <fstream>
 
-#include "core/io/read.h"
-#include "core/io/write_nifti.h"
+#include "core/read/read.h"
 #include "core/register/itk.h"
 #include "core/register/picture.h"
 #include "core/register/resample.h"
+#include "core/write/write_nifti.h"
 #include "tests/core/register/poses.h"
 #include "tests/core/render/scenes.h"
 #include "tests/errors.h"

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/union.h"
+#include "core/measure/union.h"
 #include "tests/core/register/poses.h"
 
 namespace spherule {

@@ -9,8 +9,8 @@
 #include <limits>
 
 #include "core/base/error.h"
-#include "core/box_tree.h"
 #include "core/render/trace.h"
+#include "core/trees/box_tree.h"
 #include "tests/core/render/scenes.h"
 
 namespace spherule {

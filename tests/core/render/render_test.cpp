@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "core/base/error.h"
-#include "core/marching_cubes.h"
+#include "core/compare/marching_cubes.h"
 #include "tests/core/render/scenes.h"
 #include "tests/errors.h"
 

@@ -7,11 +7,11 @@
 #include <filesystem>
 #include <numbers>
 
-#include "core/io/read.h"
+#include "core/measure/union.h"
+#include "core/read/read.h"
 #include "core/simplify/cover.h"
 #include "core/simplify/fit.h"
 #include "core/simplify/together.h"
-#include "core/union.h"
 #include "tests/core/simplify/sets.h"
 
 namespace spherule {

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "core/measure.h"
+#include "core/measure/solid.h"
 #include "core/simplify/represent.h"
 #include "tests/core/simplify/sets.h"
 

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <numbers>
 
-#include "core/measure.h"
+#include "core/measure/solid.h"
 #include "tests/core/simplify/sets.h"
 
 namespace spherule {

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The bytes of a file, unpacked by zlib or libbz2 or read from digits. Private to core/read; see read_bytes.h for what
+// is thrown.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+
+#include "core/base/context.h"
+#include "core/read/read_bytes.h"
+
+namespace spherule {
+
+/// Where a reader's bytes come from. One thread at a time.
+class ByteSource {
+ public:
+  ByteSource() = default;
+  virtual ~ByteSource() = default;
+  ByteSource(const ByteSource&) = delete;
+  ByteSource& operator=(const ByteSource&) = delete;
+  /// Fills `into`; the number of bytes read, which is smaller only at the end.
+  virtual std::size_t read(std::span<std::byte> into) = 0;
+  /// Passes over `count` bytes; the number passed, which is smaller only at the end. Polls cancellation.
+  virtual std::uint64_t skip(std::uint64_t count, const Context& context);
+};
+
+/// From byte `offset` of the file itself; `type` is that of samples in text.
+std::unique_ptr<ByteSource> open_unpacked(const std::filesystem::path& file, Packing packing, std::uint64_t offset,
+                                          VoxelType type);
+
+}  // namespace spherule
