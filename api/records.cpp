@@ -13,7 +13,7 @@ namespace spherule::api {
 namespace {
 
 // Changes when pictures do, so that those kept by an older program are drawn anew.
-constexpr int kPictureEdition = 7;
+constexpr int kPictureEdition = 8;
 // Changes with the bytes of tables of spheres: 2 has float64 wherever numbers are binary.
 constexpr int kTableEdition = 3;
 // Changes with what any file for another program holds.

@@ -15,7 +15,7 @@ namespace {
 using Json = nlohmann::json;  // members ascend: canonical
 using Ordered = nlohmann::ordered_json;
 
-constexpr int kAnswerEdition = 4;
+constexpr int kAnswerEdition = 5;
 
 std::string_view name(TransformKind kind) {
   return kind == TransformKind::rigid ? "rigid" : kind == TransformKind::similarity ? "similarity" : "affine";

@@ -270,6 +270,11 @@ struct Pipeline::State {
     taken = {pool.reserve(bytes, std::chrono::seconds(store.config.max_wait_s), context.cancel), bytes};
   }
 
+  // What is read for a request and held until its end adds up.
+  Store::Admit admit_to(Taken& taken, const Context& context) {
+    return [&](std::uint64_t bytes) { take(taken.bytes + bytes, taken, context); };
+  }
+
   // Deletes a thing with all that was made from it, and ends the jobs that work on any of these.
   void remove(const std::string& id) {
     store.remove(id);
@@ -538,7 +543,7 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
   level = level_of(api::model_from(resource.document), level, listing.needs_levels() || members);
   const Context context = state_->request_context();
   Taken taken;
-  const Store::Admit admit = [&](std::uint64_t bytes) { state_->take(taken.bytes + bytes, taken, context); };
+  const Store::Admit admit = state_->admit_to(taken, context);
   const auto model = s.load(resource, level, context, admit);
   const ListedParts parts = s.listed_parts(resource, listing, members, context, admit);
   std::shared_ptr<const Contributions> contributions;
@@ -558,8 +563,7 @@ api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, st
 RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) {
   const Context context = state_->request_context();
   Taken taken;
-  const auto model = state_->store.load(state_->store.find_model(id), context,
-                                        [&](std::uint64_t bytes) { state_->take(bytes, taken, context); });
+  const auto model = state_->store.load(state_->store.find_model(id), context, state_->admit_to(taken, context));
   return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 

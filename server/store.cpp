@@ -10,6 +10,7 @@
 #include "api/registration_documents.h"
 #include "core/pipeline.h"
 #include "core/read/read.h"
+#include "server/memory.h"
 #include "server/model_blob.h"
 #include "server/union_blob.h"
 
@@ -199,7 +200,9 @@ Volume Store::stored_volume(const Resource& resource, const Context& context) co
 
 std::shared_ptr<const SphereModel> Store::load(const Resource& resource, const Context& context, const Admit& admit) {
   const auto read = [&] {
-    if (admit) admit(resource.bytes + api::model_from(resource.document).spheres * sizeof(Sphere));
+    if (admit) {
+      admit(ModelSize{.spheres = api::model_from(resource.document).spheres, .stored = resource.bytes}.loaded());
+    }
     const Permit permit(*this, context);
     const Blob blob = blobs.open(resource.blobs.at(0));
     blob.verify(context);

@@ -3,13 +3,12 @@
 // Which numbers a request may hold, by name: the one table. openapi.yaml states the same ranges, and a test holds one
 // against the other. They are wide enough for every use and narrow enough that whatever is computed of them stays an
 // ordinary number:
-//   lengths   spheres and grids lie within 1e9 mm (core/volume.h, core/write/export.h), so no length in a model is of
-//   use
-//             beyond it; squares and cubes of lengths, and their reciprocals, are far from the ends of float64
+//   lengths   spheres and grids lie within 1e9 mm (core/volume.h, core/write/export.h), so no length in a model is
+//             of use beyond it; squares and cubes of lengths, and their reciprocals, are far from the ends of float64
 //   places    a camera or a plane may stand a thousand times as far away; of what is 1e9 mm large there, float64 still
 //             tells 2^23 places apart
-//   values    samples may be any numbers, so what they are compared with may be nearly any: differences of two are
-//   finite
+//   values    samples may be any numbers, so what they are compared with may be nearly any: differences of
+//             two are finite
 #pragma once
 
 #include <algorithm>

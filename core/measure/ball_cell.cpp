@@ -52,9 +52,8 @@ class AngleSum {
     if (std::abs(cosine_) + std::abs(sine_) < 0x1p-500) cosine_ *= 0x1p500, sine_ *= 0x1p500;
   }
   void add_turn() { ++turns_; }
-  double sum() const {
-    return kTwoPi * turns_ + elementary::atan2(sine_ + 0.0, cosine_);
-  }  // -0 is on the upper side, too
+  // -0 is on the upper side, too.
+  double sum() const { return kTwoPi * turns_ + elementary::atan2(sine_ + 0.0, cosine_); }
 
  private:
   double cosine_ = 1, sine_ = 0;

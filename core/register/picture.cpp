@@ -12,12 +12,12 @@ namespace {
 // Whether the map takes balls to balls, to rounding.
 bool is_similarity(const AffineMap& map) {
   const double squared_scale = scale_of(map) * scale_of(map);
+  const Mat3 product = transposed(map.linear) * map.linear;
   for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) {
-      double product = 0;
-      for (const Vec3& row : map.linear.rows) product += row[a] * row[b];
-      if (!(std::abs(product - (a == b ? squared_scale : 0)) <= 1e-12 * squared_scale)) return false;
-    }
+    for (int b = 0; b < 3; ++b)
+      if (!(std::abs(product.rows[static_cast<std::size_t>(a)][b] - (a == b ? squared_scale : 0)) <=
+            1e-12 * squared_scale))
+        return false;
   return true;
 }
 

@@ -82,7 +82,8 @@ struct Cell {
 
 constexpr std::size_t kFewBalls = 24;
 constexpr int kMaxLevel = 11;
-// What a part of the search may cost: patches, of about 160 bytes each with the tracer's, and balls looked at.
+// What a part of the search may cost: patches, of about 160 bytes each with the tracer's, and balls looked at in each
+// of its levels.
 struct Budget {
   std::size_t patches = 0, looks = 0;
 
@@ -99,8 +100,9 @@ Budget budget_of(std::size_t balls) {
 
 Vec3 absolute(Vec3 v) { return {std::abs(v.x), std::abs(v.y), std::abs(v.z)}; }
 
-// At most what gradient · u is where cell.centre + u is on the sphere and in the cell. There, with n the direction from
-// the sphere's centre to the cell's and D their distance, n·u is (r² - D² - |u|²) / 2D, and |u|² at most 3 half².
+// No more than the least of gradient · u where cell.centre + u is on the sphere and in the cell. There, with n the
+// direction from the sphere's centre to the cell's and D their distance, n·u is (r² - D² - |u|²) / 2D, and |u|² at most
+// 3 half².
 double least_along(Vec3 gradient, const Sphere& s, const Cell& cell) {
   const auto least_in_cube = [&](Vec3 g) {
     const Vec3 all = absolute(g);

@@ -27,7 +27,7 @@ struct Patch {
 /// Raw models: one patch a facet between an inside cell and anything else, the box of the cap that the cell's ball
 /// raises over it (no other part of a ball can be seen, see patches.cpp); O(cells).
 /// Other models: an octree over the balls, each leaf with the few balls that may reach the surface in it;
-/// O(balls · levels) in practice; at most 2^19 + 16 · balls patches, 2^26 + 128 · balls looks at a ball in the search.
+/// O(balls · levels) in practice; at most 2^19 + 16 · balls patches, 2^26 + 128 · balls looks at a ball in each level.
 /// Balls of radius 0 have no patch.
 std::vector<Patch> visible_patches(const SphereModel& model, const Context& context = {});
 

@@ -6,22 +6,9 @@
 #include <limits>
 #include <utility>
 
-#include "core/base/poll.h"
+#include "core/trees/morton.h"
 
 namespace spherule::detail {
-
-namespace {
-
-// The 21 low bits of x, two places apart.
-std::uint64_t spread(std::uint64_t x) {
-  x = (x | x << 32) & 0x001f00000000ffffU;
-  x = (x | x << 16) & 0x001f0000ff0000ffU;
-  x = (x | x << 8) & 0x100f00f00f00f00fU;
-  x = (x | x << 4) & 0x10c30c30c30c30c3U;
-  return (x | x << 2) & 0x1249249249249249U;
-}
-
-}  // namespace
 
 BallTree::BallTree(std::span<const Sphere> balls, const Context& context) : balls_(balls) {
   Poll poll(context);
@@ -34,9 +21,7 @@ BallTree::BallTree(std::span<const Sphere> balls, const Context& context) : ball
   for (std::uint32_t i = 0; i < balls.size(); ++i) {
     poll();
     const Vec3 p = scale * (balls[i].centre - box.min);
-    keys[i] = {spread(static_cast<std::uint64_t>(p.x)) | spread(static_cast<std::uint64_t>(p.y)) << 1 |
-                   spread(static_cast<std::uint64_t>(p.z)) << 2,
-               i};
+    keys[i] = {along_morton_curve(p), i};
   }
   std::sort(keys.begin(), keys.end(), Polled(poll, std::less<>()));
   order_.reserve(keys.size());
@@ -78,6 +63,38 @@ std::uint32_t BallTree::nearest_by_power(Vec3 point) const {
         return false;
       });
   return best;
+}
+
+Taken::Taken(const BallTree& tree) : tree_(tree) {
+  constexpr double nobody = -std::numeric_limits<double>::infinity();
+  std::size_t count = tree.order_.size();
+  for (largest_.emplace_back(count, nobody); largest_.size() <= tree.levels_.size();) {
+    count = (count + BallTree::kFan - 1) / BallTree::kFan;
+    largest_.emplace_back(count, nobody);
+  }
+}
+
+void Taken::take(std::size_t place) {
+  const double radius = tree_.balls_[tree_.order_[place]].radius;
+  for (std::vector<double>& level : largest_) {
+    level[place] = std::max(level[place], radius);
+    place /= BallTree::kFan;
+  }
+}
+
+bool Taken::any_holding(std::size_t level, std::size_t i, const Sphere& ball, double slack, Poll& poll) const {
+  if (level == 0) {
+    const double room = largest_[0][i] + slack - ball.radius;
+    return squared_norm(tree_.balls_[tree_.order_[i]].centre - ball.centre) <= room * room;
+  }
+  const double room = largest_[level][i] + slack - ball.radius;
+  if (BallTree::distance_squared(tree_.levels_[level - 1][i].centres, ball.centre) > room * room) return false;
+  poll();
+  const std::vector<double>& below = largest_[level - 1];
+  const std::size_t end = std::min(below.size(), (i + 1) * BallTree::kFan);
+  for (std::size_t child = i * BallTree::kFan; child < end; ++child)
+    if (below[child] + slack >= ball.radius && any_holding(level - 1, child, ball, slack, poll)) return true;
+  return false;
 }
 
 }  // namespace spherule::detail

@@ -10,6 +10,7 @@
 
 #include "core/base/context.h"
 #include "core/base/geometry.h"
+#include "core/base/poll.h"
 
 namespace spherule::detail {
 
@@ -42,6 +43,7 @@ class BallTree {
 
  private:
   friend class Untaken;
+  friend class Taken;
   struct Node {
     Box centres;
     double largest = 0;                 // radius
@@ -134,6 +136,27 @@ class Untaken {
   const BallTree& tree_;
   std::vector<std::vector<std::uint32_t>> left_;  // by level: under each node, and of each ball
   std::vector<std::uint32_t> log_;                // places of the taken ones
+};
+
+/// Balls of a tree that were taken, for whether one of them holds another. Not thread safe. The tree must outlive it; 9
+/// bytes a ball.
+class Taken {
+ public:
+  explicit Taken(const BallTree& tree);
+
+  /// Takes the ball order()[place] of the tree. O(log n).
+  void take(std::size_t place);
+  /// Whether one of them, grown by `slack`, holds the ball. Expected O(log n) where that is so, or few are as large
+  /// near it; at worst all are compared. Throws cancelled.
+  bool any_holding(const Sphere& ball, double slack, Poll& poll) const {
+    return !tree_.levels_.empty() && any_holding(tree_.levels_.size(), 0, ball, slack, poll);
+  }
+
+ private:
+  bool any_holding(std::size_t level, std::size_t i, const Sphere& ball, double slack, Poll& poll) const;
+
+  const BallTree& tree_;
+  std::vector<std::vector<double>> largest_;  // by level: radius of those taken under each node, and of each ball
 };
 
 }  // namespace spherule::detail

@@ -9,19 +9,11 @@
 #include "core/base/parallel.h"
 #include "core/base/poll.h"
 #include "core/base/vectors.h"
+#include "core/trees/morton.h"
 
 namespace spherule {
 
 namespace {
-
-// Every third bit of the result is a bit of the 21-bit number.
-std::uint64_t spread(std::uint64_t v) {
-  v = (v | v << 32) & 0x1f00000000ffffULL;
-  v = (v | v << 16) & 0x1f0000ff0000ffULL;
-  v = (v | v << 8) & 0x100f00f00f00f00fULL;
-  v = (v | v << 4) & 0x10c30c30c30c30c3ULL;
-  return (v | v << 2) & 0x1249249249249249ULL;
-}
 
 using Column = std::array<double, 8>;
 
@@ -117,9 +109,7 @@ BoxTree::BoxTree(std::span<const Box> boxes, const Context& context) {
   parallel_for(context, {}, keys.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (auto i = static_cast<std::uint32_t>(begin); i < end; ++i) {
       const Vec3 middle = scale * (0.5 * (boxes[i].min + boxes[i].max) - all.min);
-      keys[i] = {spread(static_cast<std::uint64_t>(middle.x)) | spread(static_cast<std::uint64_t>(middle.y)) << 1 |
-                     spread(static_cast<std::uint64_t>(middle.z)) << 2,
-                 i};
+      keys[i] = {detail::along_morton_curve(middle), i};
     }
   });
   Poll poll(context);

@@ -133,7 +133,7 @@ void Object::expect_as_estimated(const std::string& job, const Request& request)
   const auto jobs = catalog.list_jobs("", 1).items;
   ASSERT_FALSE(jobs.empty());
   const auto estimate = static_cast<double>(jobs.front().memory_bytes);
-  if (long_form() || std::getenv("SPHERULE_TABLE") != nullptr) {
+  if (long_form()) {
     std::printf("%-14s %-24s %9.1f %9.1f %7.2f\n", name.c_str(), job.c_str(), peak / kMiB, estimate / kMiB,
                 estimate / peak);
   }
@@ -229,6 +229,12 @@ void try_all_of_registrations(const Object& object) {
     object.expect_as_estimated(std::string("apply ") + what, {"GET", path + "/apply?what=" + what, ""});
 }
 
+void try_all_of_scans(const Object& object) {
+  try_all_of_volumes(object);
+  try_all_of_models(object, object.model, true);
+  try_all_methods(object);
+}
+
 TEST(MemoryOfJobs, IsAsEstimatedForASmoothObject) {
   const int n = long_form() ? 160 : 96;
   Object object("smooth");
@@ -236,9 +242,7 @@ TEST(MemoryOfJobs, IsAsEstimatedForASmoothObject) {
   object.simplify({{"method", "median"}, {"k", 400}});
   object.register_with_itself();
   object.ready();
-  try_all_of_volumes(object);
-  try_all_of_models(object, object.model, true);
-  try_all_methods(object);
+  try_all_of_scans(object);
   try_all_of_registrations(object);
   object.expect_as_estimated("tree", {"GET", "/v1/models/" + object.few + "/tree", ""});
   try_all_files(object, object.model, {"xyz", "nifti"});
@@ -266,9 +270,7 @@ TEST(MemoryOfJobs, IsAsEstimatedForALabelMap) {
   object.of_samples(raw(n), samples(n, [](int i, int j, int k) { return (i / 20 + j / 20 + k / 20) % 7; }),
                     {{"labels", {3}}});
   object.ready();
-  try_all_of_volumes(object);
-  try_all_of_models(object, object.model, true);
-  try_all_methods(object);
+  try_all_of_scans(object);
 }
 
 // What is small itself may stand before something large.
@@ -288,9 +290,7 @@ TEST(MemoryOfJobs, IsAsEstimatedForAFewSpheresOnALargeScan) {
   object.simplify({{"method", "median"}, {"k", 4}});
   object.register_with_itself();
   object.ready();
-  try_all_of_volumes(object);
-  try_all_of_models(object, object.model, true);
-  try_all_methods(object);
+  try_all_of_scans(object);
   try_all_of_registrations(object);
   try_all_files(object, object.few, {"urdf", "vdb", "nifti"});
 }
