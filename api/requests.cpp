@@ -6,9 +6,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "api/documents.h"
-#include "api/label_json.h"
-#include "api/problem.h"
+#include "api/http/problem.h"
+#include "api/json/documents.h"
+#include "api/json/label_json.h"
 #include "core/render/options.h"
 
 namespace spherule::api {

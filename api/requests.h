@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "api/http.h"
+#include "api/http/http.h"
 #include "core/base/ranges.h"
 
 namespace spherule::api {

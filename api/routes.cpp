@@ -7,9 +7,9 @@
 #include <new>
 #include <optional>
 
-#include "api/handlers.h"
-#include "api/idempotency.h"
-#include "api/problem.h"
+#include "api/handlers/handlers.h"
+#include "api/http/idempotency.h"
+#include "api/http/problem.h"
 #include "api/requests.h"
 
 namespace spherule::api {

@@ -8,7 +8,7 @@
 #include <span>
 #include <string_view>
 
-#include "api/http.h"
+#include "api/http/http.h"
 
 namespace spherule::api {
 

@@ -15,7 +15,7 @@
 #include <variant>
 
 #include "core/base/error.h"
-#include "server/machine_memory.h"
+#include "server/base/machine_memory.h"
 
 namespace spherule::server {
 

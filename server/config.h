@@ -17,7 +17,7 @@
 #include <string_view>
 #include <vector>
 
-#include "server/auth.h"
+#include "server/access/auth.h"
 
 namespace spherule::server {
 

@@ -12,12 +12,13 @@
 #include <system_error>
 
 #include "core/base/error.h"
-#include "server/aside.h"
-#include "server/blob_store.h"
-#include "server/catalog.h"
-#include "server/replies.h"
-#include "server/resumable.h"
-#include "server/store.h"
+#include "server/base/disk.h"
+#include "server/bytes/aside.h"
+#include "server/bytes/blob_store.h"
+#include "server/intake/resumable.h"
+#include "server/records/catalog.h"
+#include "server/records/replies.h"
+#include "server/records/store.h"
 
 namespace spherule::server {
 

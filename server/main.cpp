@@ -17,15 +17,15 @@
 #include <string>
 #include <thread>
 
-#include "api/cors.h"
+#include "api/http/cors.h"
 #include "api/routes.h"
 #include "core/base/error.h"
+#include "server/access/gate.h"
+#include "server/base/digest.h"
+#include "server/base/log.h"
 #include "server/config.h"
-#include "server/digest.h"
 #include "server/fsck.h"
-#include "server/gate.h"
-#include "server/listener.h"
-#include "server/log.h"
+#include "server/http/listener.h"
 #include "server/metrics.h"
 #include "server/pipeline.h"
 

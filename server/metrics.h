@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "api/service.h"
-#include "server/cache.h"
-#include "server/listener.h"
+#include "server/base/cache.h"
+#include "server/http/listener.h"
 
 namespace spherule::server {
 

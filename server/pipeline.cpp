@@ -13,23 +13,23 @@
 #include <thread>
 #include <utility>
 
-#include "api/documents.h"
-#include "api/registration_documents.h"
+#include "api/json/documents.h"
+#include "api/json/registration_documents.h"
 #include "api/routes.h"
 #include "core/spheres.h"
 #include "core/write/export.h"
-#include "server/answer_job.h"
-#include "server/estimates.h"
-#include "server/memory.h"
+#include "server/intake/resumable.h"
+#include "server/intake/upload.h"
 #include "server/metrics.h"
-#include "server/model_job.h"
-#include "server/places.h"
-#include "server/registration_job.h"
-#include "server/replies.h"
-#include "server/resumable.h"
-#include "server/simplification_job.h"
-#include "server/store.h"
-#include "server/upload.h"
+#include "server/records/replies.h"
+#include "server/records/store.h"
+#include "server/work/answer_job.h"
+#include "server/work/estimates.h"
+#include "server/work/memory.h"
+#include "server/work/model_job.h"
+#include "server/work/places.h"
+#include "server/work/registration_job.h"
+#include "server/work/simplification_job.h"
 
 namespace spherule::server {
 

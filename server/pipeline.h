@@ -15,9 +15,9 @@
 #include <utility>
 
 #include "api/service.h"
-#include "server/auth.h"
+#include "server/access/auth.h"
 #include "server/config.h"
-#include "server/jobs.h"
+#include "server/work/jobs.h"
 
 namespace spherule::server {
 

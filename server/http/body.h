@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-#include "api/http.h"
+#include "api/http/http.h"
 #include "server/http/connections.h"
 
 namespace spherule::server {

@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "api/http.h"
+#include "api/http/http.h"
 
 namespace spherule::server {
 

@@ -6,7 +6,7 @@
 #include <functional>
 #include <string>
 
-#include "api/http.h"
+#include "api/http/http.h"
 #include "server/http/connections.h"
 #include "server/http/encoding.h"
 

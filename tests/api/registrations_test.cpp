@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/registration_documents.h"
+#include "api/json/registration_documents.h"
 #include "api/routes.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"

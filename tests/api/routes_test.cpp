@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/problem.h"
+#include "api/http/problem.h"
 #include "api/requests.h"
 #include "core/base/ranges.h"
 #include "tests/api/stub.h"

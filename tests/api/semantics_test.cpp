@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/cors.h"
+#include "api/http/cors.h"
 #include "api/routes.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "api/documents.h"
-#include "api/http.h"
-#include "api/registration_documents.h"
+#include "api/http/http.h"
+#include "api/json/documents.h"
+#include "api/json/registration_documents.h"
 #include "api/service.h"
 
 namespace spherule::test {

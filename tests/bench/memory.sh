@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: GPL-3.0-or-later
 # Usage: tests/bench/memory.sh [SPHERULE [DATA]]
-# What server/memory.cpp estimates by: the peak memory of making models and of measuring them, less what the program
+# What server/work/memory.cpp estimates by: the peak memory of making models and of measuring them, less what the program
 # takes at rest, by boundary point and by tetrahedron. SPHERULE is the built command, DATA the folder of test scans.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

@@ -11,7 +11,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "server/digest.h"
+#include "server/base/digest.h"
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
 

@@ -15,7 +15,7 @@
 #include <set>
 #include <sstream>
 
-#include "server/catalog.h"
+#include "server/records/catalog.h"
 #include "tests/e2e/client.h"
 #include "tests/e2e/process.h"
 #include "tests/long_form.h"

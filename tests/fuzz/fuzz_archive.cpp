@@ -9,7 +9,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "server/archive.h"
+#include "server/intake/archive.h"
 
 namespace {
 

@@ -26,10 +26,10 @@ cpp='\.(h|cpp)$'
 # only_in LIBRARY HEADER FILES
 only_in() { forbid "$1 belongs elsewhere" "$cpp" "^\s*#\s*include\s*[<\"]$2" "$3"; }
 only_in cpp-httplib 'httplib\.h' '^tests/e2e/'
-only_in libarchive 'archive(_entry)?\.h' '^server/archive\.cpp$'
+only_in libarchive 'archive(_entry)?\.h' '^server/intake/archive\.cpp$'
 only_in zstd 'zstd\.h' '^server/http/encoding\.cpp$|^tests/e2e/'
 only_in nlohmann-json 'nlohmann/' '^api/|^tests/'
-only_in SQLite 'sqlite3\.h' '^server/sqlite\.cpp$|^tests/server/'
+only_in SQLite 'sqlite3\.h' '^server/records/sqlite\.cpp$|^tests/server/'
 only_in CGAL 'CGAL/' '^core/(delaunay|slice/plane_delaunay|measure/(enclosing|power))\.cpp$|^tests/core/(\w+/)?\w+\.cpp$|^tests/bench/\w+\.cpp$'
 only_in Embree 'embree' '^core/render/\w+\.cpp$'
 only_in OpenImageIO 'OpenImageIO/' '^core/render/\w+\.cpp$|^tests/core/.*\.cpp$'
@@ -61,6 +61,19 @@ room write 'base|measure|sampled'
 room render 'base|trees|measure|compare|slice'
 room register 'base|trees|measure|simplify|render'
 forbid 'api knows only core' "^api/.*$cpp" '^\s*#\s*include\s*"(?!(api|core)/)'
+# So do the server's; of its root they may know the configuration.
+server_room() {
+  local name=$1 known=$2
+  forbid "server/$name knows only ${known//|/, }" "^server/$name/.*$cpp" \
+    "^\\s*#\\s*include\\s*\"server/(?!($name|$known)/|config\\.h\")"
+}
+server_room base base
+server_room http base
+server_room bytes base
+server_room access 'base|http'
+server_room records 'base|bytes'
+server_room intake 'base|bytes'
+server_room work 'base|bytes|records'
 forbid 'server knows only api and core' "^server/.*$cpp" '^\s*#\s*include\s*"(?!(server|api|core)/)'
 forbid 'the command line knows only core' "^clients/cli/.*$cpp" '^\s*#\s*include\s*"(?!(clients/cli|core)/)'
 

@@ -17,7 +17,7 @@
 #include <sstream>
 #include <thread>
 
-#include "server/jobs.h"
+#include "server/work/jobs.h"
 #include "tests/server/doubles.h"
 
 namespace spherule::server {

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "server/blob_store.h"
-#include "server/catalog.h"
+#include "server/bytes/blob_store.h"
+#include "server/records/catalog.h"
 
 namespace spherule::server::test {
 

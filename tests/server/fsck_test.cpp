@@ -9,9 +9,9 @@
 #include <map>
 #include <set>
 
-#include "api/documents.h"
-#include "server/catalog.h"
-#include "server/digest.h"
+#include "api/json/documents.h"
+#include "server/base/digest.h"
+#include "server/records/catalog.h"
 #include "tests/server/doubles.h"
 
 namespace spherule::server {

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/handlers/handlers.h"
+#include "api/http/problem.h"
+#include "api/requests.h"
+
+namespace spherule::api {
+
+void check_simplification_body(const Request& request) {
+  if (!is_json(request)) throw HttpError(415, "Send application/json.", {{"Accept-Post", "application/json"}});
+}
+
+Response post_simplification(const Call& call) {
+  const Query query(call.request, {});
+  const Body* body = call.request.body;
+  if (body == nullptr || !body->present()) {
+    throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"method\": \"best\", \"k\": 64}.");
+  }
+  check_simplification_body(call.request);
+  const Wait wait = agreed_wait(call, false);
+  const SimplifyMethod method = simplify_wish(json_body(call));
+  return model_response(call, call.service.simplify_model({.model = call.id(), .method = method}, wait.granted), wait);
+}
+
+Response get_tree(const Call& call) {
+  const Query query(call.request, {"levels"});
+  return derived(call, {.model = call.id(), .what = TreeRequest{tree_levels(query)}}, "application/json");
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "api/json/registration_documents.h"
+
+#include <nlohmann/json.hpp>
+
+#include "api/json/documents.h"
+#include "api/json/stored_json.h"
+#include "api/requests.h"
+#include "core/render/options.h"
+
+namespace spherule::api {
+
+namespace {
+
+using Json = nlohmann::json;  // members ascend: canonical
+using Ordered = nlohmann::ordered_json;
+
+constexpr int kAnswerEdition = 5;
+
+std::string_view name(TransformKind kind) {
+  return kind == TransformKind::rigid ? "rigid" : kind == TransformKind::similarity ? "similarity" : "affine";
+}
+std::string_view name(RegistrationMethod method) {
+  return method == RegistrationMethod::global ? "global" : "matching";
+}
+
+Ordered triple(Vec3 v) { return {v.x, v.y, v.z}; }
+Ordered matrix(const AffineMap& m) {
+  Ordered rows = Ordered::array();
+  for (int r = 0; r < 3; ++r) {
+    const Vec3 row = m.linear.rows[static_cast<std::size_t>(r)];
+    rows.push_back({row.x, row.y, row.z, m.shift[r]});
+  }
+  rows.push_back({0, 0, 0, 1});
+  return rows;
+}
+AffineMap map_from(const Json& rows) {
+  AffineMap map;
+  for (std::size_t r = 0; r < 3; ++r) {
+    map.linear.rows[r] = {rows.at(r).at(0), rows.at(r).at(1), rows.at(r).at(2)};
+    map.shift[static_cast<int>(r)] = rows.at(r).at(3);
+  }
+  return map;
+}
+Ordered spheres_json(std::span<const Sphere> spheres) {
+  Ordered rows = Ordered::array();
+  for (const Sphere& s : spheres) rows.push_back({s.centre.x, s.centre.y, s.centre.z, s.radius});
+  return rows;
+}
+std::vector<Sphere> spheres_from(const Json& rows) {
+  std::vector<Sphere> spheres;
+  for (const Json& row : rows) spheres.push_back({{row.at(0), row.at(1), row.at(2)}, row.at(3)});
+  return spheres;
+}
+Ordered overlap_json(const UnionOverlap& overlap) {
+  return {{"dice", overlap.dice}, {"iou", overlap.iou}, {"method", overlap.exact ? "exact" : "samples"}};
+}
+
+// A template for the two orders of members: what users see, and canonical text.
+template <typename AnyJson>
+AnyJson parameters(const RegistrationRequest& request) {
+  const RegistrationOptions& o = request.options;
+  return {{"fixed", request.fixed},
+          {"moving", request.moving},
+          {"transform", name(o.transform)},
+          {"method", name(o.method)},
+          {"k", o.k},
+          {"inits", o.inits},
+          {"scale_bounds", {o.min_scale, o.max_scale}},
+          {"weights",
+           {{"position", o.weights.position},
+            {"size", o.weights.size},
+            {"shape", o.weights.shape},
+            {"alone", o.weights.alone}}},
+          {"refine", o.refine},
+          {"seed", o.seed}};
+}
+
+Json to_json(const RegistrationRequest& request) {
+  return {{"edition", registration_edition}, {"parameters", parameters<Json>(request)}};
+}
+
+Json to_json(const RegistrationAnswerRequest& request) {
+  Json json{{"registration", request.registration}, {"edition", kAnswerEdition}};
+  if (const auto* picture = std::get_if<BeforeAfterRequest>(&request.what)) {
+    json["what"] = "render";
+    json["few"] = picture->few;
+    for (const auto& [option, text] : render_option_texts(picture->options)) json["options"][option] = text;
+  } else {
+    json["what"] = name(std::get<Applied>(request.what));
+  }
+  return json;
+}
+
+}  // namespace
+
+std::string registration_document(const std::string& id, Time created, const std::string& algorithm_version,
+                                  const RegistrationRequest& request, const Registration& found) {
+  const AffineMap& map = found.moving_to_fixed;
+  const Decomposition parts = decompose(map, found.centre);
+  const Quaternion& q = parts.quaternion;
+  Ordered pairs = Ordered::array(), others = Ordered::array(), seconds = Ordered::object();
+  for (const SpherePair& p : found.pairs) pairs.push_back({p.moving, p.fixed});
+  for (const FoundPose& pose : found.others) {
+    others.push_back({{"moving_to_fixed", matrix(pose.moving_to_fixed)},
+                      {"agreement", pose.surfaces.agreement},
+                      {"mean_mm", pose.surfaces.mean_mm},
+                      {"p95_mm", pose.surfaces.p95_mm}});
+  }
+  for (const StageTime& time : found.timings) seconds[time.stage] = time.seconds;
+  const std::string path = "/v1/registrations/" + id;
+  const Ordered json{
+      {"id", id},
+      {"created", iso_time(created)},
+      {"algorithm_version", algorithm_version},
+      {"parameters", parameters<Ordered>(request)},
+      {"frame", "LPS"},
+      {"unit", "mm"},
+      {"moving_to_fixed", matrix(map)},
+      {"fixed_to_moving", matrix(inverse(map))},
+      {"decomposition",
+       {{"centre", triple(parts.centre)},
+        {"translation", triple(parts.translation)},
+        {"quaternion_wxyz", {q.w, q.x, q.y, q.z}},
+        {"axis", triple(parts.axis)},
+        {"angle_deg", parts.angle_deg},
+        {"euler_xyz_deg", triple(parts.euler_xyz_deg)},
+        {"scale", scale_of(map)},
+        {"scales", triple(parts.scales)},
+        {"shear_xy_xz_yz", triple(parts.shear)}}},
+      {"quality",
+       {{"poor", found.poor},
+        {"overlap", overlap_json(found.overlap)},
+        {"spheres_overlap", overlap_json(found.spheres_overlap)},
+        {"surface_distance",
+         {{"mean_mm", found.surfaces.mean_mm},
+          {"p95_mm", found.surfaces.p95_mm},
+          {"within_mm", found.reach_mm},
+          {"fixed_within", found.surfaces.fixed_within},
+          {"moving_within", found.surfaces.moving_within},
+          {"agreement", found.surfaces.agreement}}},
+        {"matched_share", found.matched_share},
+        {"residual_rms_mm", found.residual_rms_mm},
+        {"radius_ratio", found.radius_ratio}}},
+      {"other_poses", std::move(others)},
+      {"spheres", {{"fixed", spheres_json(found.fixed_spheres)}, {"moving", spheres_json(found.moving_spheres)}}},
+      {"pairs", std::move(pairs)},
+      {"seconds", std::move(seconds)},
+      {"warnings", found.warnings},
+      {"links",
+       {{"self", path},
+        {"fixed", "/v1/models/" + request.fixed},
+        {"moving", "/v1/models/" + request.moving},
+        {"itk", path + "?format=itk"},
+        {"render", path + "/render"},
+        {"apply", path + "/apply"}}}};
+  return write_stored(json) + "\n";
+}
+
+RegistrationInfo registration_from(std::string_view document, std::string_view request_record) {
+  RegistrationInfo info = read_stored(document, [&](const Json& json) {
+    return RegistrationInfo{.id = json.at("id"),
+                            .request = {},
+                            .moving_to_fixed = map_from(json.at("moving_to_fixed")),
+                            .fixed_spheres = spheres_from(json.at("spheres").at("fixed")),
+                            .moving_spheres = spheres_from(json.at("spheres").at("moving")),
+                            .document = std::string(document)};
+  });
+  info.request = registration_request_from(request_record);
+  return info;
+}
+
+std::string registration_list_document(const Page<RegistrationInfo>& page) {
+  Ordered items = Ordered::array();
+  for (const RegistrationInfo& info : page.items) {
+    Ordered item = Ordered::parse(info.document);
+    for (const char* heavy : {"other_poses", "spheres", "pairs"}) item.erase(heavy);
+    items.push_back(std::move(item));
+  }
+  Ordered json;
+  json["registrations"] = std::move(items);
+  json["next_cursor"] = page.next.empty() ? Ordered(nullptr) : Ordered(page.next);
+  if (!page.damaged.empty()) json["damaged"] = page.damaged;
+  return json.dump() + "\n";
+}
+
+std::string record_of(const RegistrationRequest& request) { return to_json(request).dump(); }
+
+RegistrationRequest registration_request_from(std::string_view record) {
+  return read_stored(record, [](const Json& json) {
+    const Json& p = json.at("parameters");
+    const Json& w = p.at("weights");
+    RegistrationRequest request{.fixed = p.at("fixed"), .moving = p.at("moving")};
+    for (const TransformKind kind : {TransformKind::rigid, TransformKind::similarity, TransformKind::affine})
+      if (p.at("transform") == name(kind)) request.options.transform = kind;
+    for (const RegistrationMethod method : {RegistrationMethod::global, RegistrationMethod::matching})
+      if (p.at("method") == name(method)) request.options.method = method;
+    request.options.k = p.at("k");
+    request.options.inits = p.at("inits");
+    request.options.min_scale = p.at("scale_bounds").at(0);
+    request.options.max_scale = p.at("scale_bounds").at(1);
+    request.options.weights = {w.at("position"), w.at("size"), w.at("shape"), w.at("alone")};
+    request.options.refine = p.at("refine");
+    request.options.seed = p.at("seed");
+    return request;
+  });
+}
+
+std::string record_of(const RegistrationAnswerRequest& request) { return to_json(request).dump(); }
+
+RegistrationAnswerRequest registration_answer_from(std::string_view record) {
+  return read_stored(record, [](const Json& json) {
+    RegistrationAnswerRequest request{.registration = json.at("registration"), .what = Applied::volume};
+    if (json.at("what") == "model") request.what = Applied::model;
+    if (json.at("what") == "render") {
+      OptionTexts texts;
+      for (const auto& [option, text] : json.at("options").items()) texts.emplace_back(option, text.get<std::string>());
+      request.what = BeforeAfterRequest{.options = parse_render_options(texts), .few = json.at("few")};
+    }
+    return request;
+  });
+}
+
+std::string identity_of(const RegistrationRequest& request, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
+}
+std::string identity_of(const RegistrationAnswerRequest& request, const std::string& algorithm_version) {
+  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
+}
+
+std::string_view name(Applied what) { return what == Applied::volume ? "volume" : "model"; }
+
+std::string path_of(const RegistrationAnswerRequest& request) {
+  const std::string path = "/v1/registrations/" + request.registration;
+  if (const auto* picture = std::get_if<BeforeAfterRequest>(&request.what))
+    return path + "/render" + query_of(*picture);
+  return path + "/apply?what=" + std::string(name(std::get<Applied>(request.what)));
+}
+
+}  // namespace spherule::api

@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "api/json/documents.h"
+#include "core/base/error.h"
+#include "tests/api/stub.h"
+
+namespace spherule::test {
+namespace {
+
+using namespace api;
+
+TEST(Records, OfVolumesReadBack) {
+  VolumeInfo v = StubService::volume_info();
+  v.parameters.raw.emplace();
+  v.parameters.raw->dims = {1, 2, 3};
+  v.parameters.raw->type = VoxelType::float64;
+  v.parameters.raw->spacing = {0.1, 0.2, 0.3};
+  v.parameters.raw->big_endian = true;
+  v.parameters.frame = 4;
+  v.parameters.grid = "dichte";
+  v.grid.direction.rows[0] = {0.6, -0.8, 0};
+  v.slope = 1.0 / 3;
+  const VolumeInfo w = volume_from(record_of(v));
+  EXPECT_EQ(record_of(w), record_of(v));
+  EXPECT_EQ(w.created, v.created);
+  EXPECT_EQ(w.files[1].name, "Doe^Jane.img");
+  EXPECT_EQ(w.grid.direction, v.grid.direction);
+  EXPECT_EQ(w.slope, v.slope);
+  EXPECT_EQ(w.natural_side, Side::below);
+  EXPECT_EQ(w.parameters.raw->type, VoxelType::float64);
+  EXPECT_TRUE(w.parameters.raw->big_endian);
+}
+
+TEST(Records, OfModelsReadBack) {
+  for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info(), StubService::simplified_info()}) {
+    EXPECT_EQ(record_of(model_from(record_of(m))), record_of(m));
+    EXPECT_EQ(model_document(model_from(record_of(m))), model_document(m));
+  }
+}
+
+TEST(Records, OfRequestsReadBack) {
+  ModelRequest request{.volume = kVolume, .rule = {}};
+  for (const auto kind : {ObjectRule::Kind::threshold, ObjectRule::Kind::range, ObjectRule::Kind::labels}) {
+    request.rule = {};
+    request.rule.kind = kind;
+    request.rule.side = Side::below;
+    request.rule.border = Border::open;
+    if (kind == ObjectRule::Kind::labels) {
+      request.rule.labels = {min_label, -9007199254740993, 9223372036854775807, max_label};
+    } else {
+      request.rule.lo = -1e-300;
+      request.rule.hi = kind == ObjectRule::Kind::range ? 0.1 : 0;
+    }
+    const ModelRequest again = model_request_from(record_of(request));
+    EXPECT_EQ(again.volume, request.volume);
+    EXPECT_EQ(again.rule, request.rule);
+  }
+  const ObjectRule labels = request.rule;
+  for (const DerivedRequest& derived : std::vector<DerivedRequest>{
+           {kModel, MeasuresRequest{}},
+           {kModel, ChecksRequest{}},
+           {kModel, RenderRequest{{.width = 3, .height = 4, .style = Style::blobs, .views = {View::left}}}},
+           {kModel, RenderRequest{.with = kImported}},
+           {kModel, ExportRequest{SphereFormat::vtp}},
+           {kModel, TreeRequest{{1, 8}}},
+           {kModel, RenderRequest{.options = {.views = {View::left}}}, 5},
+           {kModel, ContributionsRequest{}},
+           {kModel, FileRequest{}},
+           {kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}},
+           {kModel, FileRequest{FileFormat::glb, {.glb = {.style = GlbOptions::Style::mesh}}}},
+           {kModel, FileRequest{FileFormat::nifti, {.voxel_mm = 0.5}}},
+           {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
+           {{}, ValuesRequest{kVolume, 17}},
+           {{},
+            SliceRequest{.volume = kVolume,
+            .object = labels,
+            .format = FigureFormat::svg,
+            .options = {.width = 5, .window = Window{3, 4}, .show = {Overlay::circles}}}}}) {
+    EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
+    EXPECT_EQ(derived_from(record_of(derived)).what.index(), derived.what.index());
+  }
+  const SphereListing listing{{SphereFigure::share, SphereFigure::index}, SphereOrder::contribution};
+  const DerivedRequest listed{kModel, ExportRequest{SphereFormat::ply, listing}};
+  EXPECT_EQ(path_of(derived_from(record_of(listed))),
+            "/v1/models/" + kModel + "/exports/ply?columns=share,index&order=contribution");
+  EXPECT_NE(identity_of(listed, "1"), identity_of({kModel, ExportRequest{SphereFormat::ply}}, "1"));
+}
+
+TEST(Records, OfSimplificationsReadBack) {
+  for (const SimplifyMethod& method : std::vector<SimplifyMethod>{
+           SphericityOptions{.threshold = 0.1, .limit = 3, .representative = Representative::volume},
+           SplittingOptions{.at = SplittingOptions::At::average, .k = 7, .representative = Representative::largest},
+           PruneOptions{.buckets = {2, 5}, .bucket_count = 9}, PruneOptions{.least_radius_mm = 0.3},
+           BestOptions{.mode = BestOptions::Mode::outer, .iou = 1.0 / 3}}) {
+    const SimplificationRequest request{.model = kModel, .method = method};
+    EXPECT_EQ(record_of(simplification_request_from(record_of(request))), record_of(request));
+    EXPECT_EQ(simplification_request_from(record_of(request)).method.index(), method.index());
+  }
+  const SimplificationRequest one{kModel, SplittingOptions{}}, other{kModel, SplittingOptions{.k = 255}};
+  EXPECT_NE(identity_of(one, "1"), identity_of(other, "1"));
+  EXPECT_EQ(identity_of(one, "1"), identity_of({kModel, parse_method({{"method", "median"}})}, "1")) << "defaults";
+  const DerivedRequest level{kModel,
+                             ExportRequest{.format = SphereFormat::csv, .listing = {.rows = SphereRows::members}}, 4};
+  EXPECT_EQ(path_of(derived_from(record_of(level))), "/v1/models/" + kModel + "/exports/csv?rows=members&level=4");
+}
+
+TEST(Records, OfFilesDependOnWhatChangesTheFile) {
+  const DerivedRequest plain{kModel, FileRequest{FileFormat::urdf, {}}};
+  const DerivedRequest heavy{kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}};
+  const DerivedRequest same{kModel, FileRequest{FileFormat::urdf, {.voxel_mm = 3}}};
+  EXPECT_EQ(path_of(heavy), "/v1/models/" + kModel + "/exports/urdf?density=2500&link=femur");
+  EXPECT_NE(identity_of(plain, "1"), identity_of(heavy, "1"));
+  EXPECT_EQ(identity_of(plain, "1"), identity_of(same, "1"));
+  EXPECT_NE(identity_of(plain, "1"), identity_of({kModel, FileRequest{FileFormat::srdf, {}}}, "1"));
+}
+
+template <typename F>
+ErrorCode refusal(F&& f) {
+  try {
+    f();
+  } catch (const Error& error) {
+    return error.code();
+  }
+  ADD_FAILURE() << "accepted";
+  return {};
+}
+
+// JSON has no such numbers: what was written would be damaged for whoever reads it.
+TEST(Records, HoldFiniteNumbersOnly) {
+  for (const double bad : {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+    const auto volume = [](auto&& spoil) {
+      VolumeInfo v = StubService::volume_info();
+      spoil(v);
+      return refusal([&] { static_cast<void>(record_of(v)); });
+    };
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.grid.spacing.y = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.grid.direction.rows[2].z = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.range.max = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(volume([&](VolumeInfo& v) { v.slope = bad; }), ErrorCode::unusable);
+    const auto model = [](auto&& spoil) {
+      ModelInfo m = StubService::simplified_info();
+      spoil(m);
+      return refusal([&] { static_cast<void>(record_of(m)); });
+    };
+    EXPECT_EQ(model([&](ModelInfo& m) { m.bounds.max.x = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.boundary_point_density_mm = bad; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.voxels = VoxelMeasures{5, bad}; }), ErrorCode::unusable);
+    EXPECT_EQ(model([&](ModelInfo& m) { m.simplification->achieved.volume_mm3 = bad; }), ErrorCode::unusable);
+    ModelMeasures measures;
+    measures.spheres.mass.volume_mm3 = bad;
+    EXPECT_EQ(refusal([&] { static_cast<void>(measures_document(kModel, measures)); }), ErrorCode::unusable);
+  }
+}
+
+// As one of an earlier version may be, whose options had other words.
+TEST(Records, ThatAreNotValidAnyMoreAreCorrupt) {
+  std::string record = record_of(DerivedRequest{kModel, RenderRequest{{.width = 3, .height = 4}}});
+  const std::size_t at = record.find("\"width\":\"3\"");
+  ASSERT_NE(at, std::string::npos) << record;
+  record.replace(at, 11, "\"width\":\"wide\"");
+  EXPECT_EQ(refusal([&] { static_cast<void>(derived_from(record)); }), ErrorCode::corrupt);
+}
+
+TEST(Records, OfTimesThatNoClockShowsAreCorrupt) {
+  std::string record = record_of(StubService::volume_info());
+  const std::size_t at = record.find("\"created\":") + 10;
+  record.replace(at, record.find(',', at) - at, "9223372036854775807");
+  EXPECT_EQ(refusal([&] { static_cast<void>(volume_from(record)); }), ErrorCode::corrupt);
+}
+
+TEST(Records, ThatAreDamagedAreCorrupt) {
+  for (const char* text : {"", "{", "{}", "[]", R"({"id": 5})"}) {
+    try {
+      static_cast<void>(volume_from(text));
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::corrupt);
+    }
+  }
+}
+
+TEST(Identity, OfAVolumeIsItsBytesAndParameters) {
+  const std::vector<StoredFile> one = {{.name = {}, .sha256 = std::string(64, '1'), .bytes = 5}};
+  std::vector<StoredFile> renamed = one;
+  renamed[0].name = "other";
+  EXPECT_EQ(identity_of(one, {}), identity_of(renamed, {})) << "one file needs no name";
+  EXPECT_EQ(identity_of(one, {}),
+            R"({"files":[{"bytes":5,"sha256":")" + std::string(64, '1') + R"("}],"parameters":{}})");
+  VolumeParameters parameters;
+  parameters.frame = 0;
+  EXPECT_NE(identity_of(one, {}), identity_of(one, parameters));
+  std::vector<StoredFile> two = {one[0], one[0]};
+  two[0].name = "a";
+  two[1].name = "b";
+  std::vector<StoredFile> other = two;
+  other[1].name = "c";
+  EXPECT_NE(identity_of(two, {}), identity_of(other, {})) << "a header names its data";
+}
+
+TEST(Identity, OfAModelIsWhatWasAskedAndTheAlgorithm) {
+  ModelRequest request{.volume = kVolume, .rule = {}};
+  request.rule.lo = 0.0;
+  const std::string identity = identity_of(request, "1");
+  EXPECT_EQ(identity,
+            R"({"algorithm_version":"1","request":{"border":"closed","inside":"above","threshold":0.0,"volume":")" +
+                kVolume + R"("}})");
+  EXPECT_NE(identity, identity_of(request, "2"));
+  request.rule.lo = -0.0;
+  EXPECT_EQ(identity, identity_of(request, "1")) << "minus zero is zero";
+  request.rule.border = Border::open;
+  EXPECT_NE(identity, identity_of(request, "1"));
+}
+
+TEST(Times, AreIsoUtcToTheMillisecond) {
+  EXPECT_EQ(iso_time(Time(std::chrono::milliseconds(0))), "1970-01-01T00:00:00.000Z");
+  EXPECT_EQ(iso_time(Time(std::chrono::milliseconds(1'700'000'000'007))), "2023-11-14T22:13:20.007Z");
+}
+
+}  // namespace
+}  // namespace spherule::test
