@@ -409,7 +409,6 @@ SliceRequest slice_request(const Request& request, const VolumeInfo& volume, std
   known.insert(known.end(), slice_option_names().begin(), slice_option_names().end());
   const Query query(request, known);
   SliceRequest wanted;
-  wanted.volume = volume.id;
   if (axis.size() != 1 || axis[0] < 'i' || axis[0] > 'k')
     throw Error(ErrorCode::not_found, "There is no such axis; slices are numbered along the grid's axes i, j and k.");
   wanted.axis = axis[0] - 'i';
@@ -671,8 +670,8 @@ std::string query_of(const BeforeAfterRequest& request) {
   return query;
 }
 
-Applied applied_wish(std::string_view text) {
-  if (text.empty()) return Applied::volume;
+AppliedRequest applied_wish(std::string_view text) {
+  if (text.empty()) return {};
   const Json json = object_in(text, "{\"what\": \"volume\"}");
   for (const auto& [key, value] : json.items()) {
     if (key != "what")
@@ -682,7 +681,7 @@ Applied applied_wish(std::string_view text) {
       throw Error(ErrorCode::invalid_argument, "Correct the fields listed under errors.",
                   {{"/what", "Give \"volume\" or \"model\"."}});
   }
-  return json.value("what", "volume") == "model" ? Applied::model : Applied::volume;
+  return {json.value("what", "volume") == "model" ? Applied::model : Applied::volume};
 }
 
 double acceptability(std::string_view accept, std::string_view type) {

@@ -105,7 +105,7 @@ RegistrationRequest registration_wish(std::string_view json);
 BeforeAfterRequest before_after_request(const Request& request);
 std::string query_of(const BeforeAfterRequest& request);
 /// `{"what": "volume" | "model"}`, or nothing: the volume.
-Applied applied_wish(std::string_view json);
+AppliedRequest applied_wish(std::string_view json);
 
 /// Whether `accept` (an Accept header; empty accepts all) allows `type`; its quality, 0 … 1, by the most specific
 /// range.

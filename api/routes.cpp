@@ -16,6 +16,19 @@ namespace spherule::api {
 
 namespace {
 
+template <Collection collection>
+Response list(const Call& call) {
+  return list_things(call, collection);
+}
+template <Collection collection>
+Response get(const Call& call) {
+  return get_thing(call, collection);
+}
+template <Collection collection>
+Response remove(const Call& call) {
+  return delete_thing(call, collection);
+}
+
 struct Route {
   Operation operation;
   Response (*handler)(const Call&);
@@ -23,10 +36,10 @@ struct Route {
 };
 
 constexpr auto kRoutes = std::to_array<Route>({
-    {{"GET", "/v1/volumes"}, list_volumes},
+    {{"GET", "/v1/volumes"}, list<Collection::volumes>},
     {{"POST", "/v1/volumes"}, post_volume},
-    {{"GET", "/v1/volumes/{volume}"}, get_volume},
-    {{"DELETE", "/v1/volumes/{volume}"}, delete_volume},
+    {{"GET", "/v1/volumes/{volume}"}, get<Collection::volumes>},
+    {{"DELETE", "/v1/volumes/{volume}"}, remove<Collection::volumes>},
     {{"GET", "/v1/volumes/{volume}/content"}, get_volume_content},
     {{"GET", "/v1/volumes/{volume}/histogram"}, get_volume_histogram},
     {{"GET", "/v1/volumes/{volume}/slices/{axis}/{index}"}, get_slice},
@@ -34,10 +47,10 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/uploads/{upload}"}, get_upload},
     {{"PATCH", "/v1/uploads/{upload}"}, patch_upload, check_piece},
     {{"DELETE", "/v1/uploads/{upload}"}, delete_upload},
-    {{"GET", "/v1/models"}, list_models},
+    {{"GET", "/v1/models"}, list<Collection::models>},
     {{"POST", "/v1/models"}, post_model, check_model_body},
-    {{"GET", "/v1/models/{model}"}, get_model},
-    {{"DELETE", "/v1/models/{model}"}, delete_model},
+    {{"GET", "/v1/models/{model}"}, get<Collection::models>},
+    {{"DELETE", "/v1/models/{model}"}, remove<Collection::models>},
     {{"GET", "/v1/models/{model}/spheres"}, get_spheres},
     {{"GET", "/v1/models/{model}/measures"}, get_measures},
     {{"GET", "/v1/models/{model}/histogram"}, get_radius_histogram},
@@ -46,10 +59,10 @@ constexpr auto kRoutes = std::to_array<Route>({
     {{"GET", "/v1/models/{model}/exports/{format}"}, get_export},
     {{"POST", "/v1/models/{model}/simplifications"}, post_simplification, check_simplification_body},
     {{"GET", "/v1/models/{model}/tree"}, get_tree},
-    {{"GET", "/v1/registrations"}, list_registrations},
+    {{"GET", "/v1/registrations"}, list<Collection::registrations>},
     {{"POST", "/v1/registrations"}, post_registration},
     {{"GET", "/v1/registrations/{registration}"}, get_registration},
-    {{"DELETE", "/v1/registrations/{registration}"}, delete_registration},
+    {{"DELETE", "/v1/registrations/{registration}"}, remove<Collection::registrations>},
     {{"GET", "/v1/registrations/{registration}/render"}, get_registration_render},
     {{"GET", "/v1/registrations/{registration}/apply"}, get_applied},
     {{"POST", "/v1/registrations/{registration}/apply"}, post_apply},
@@ -240,120 +253,6 @@ std::string_view route_of(std::string_view path) {
   const auto found = std::ranges::find_if(
       kRoutes, [&](const Route& route) { return path.starts_with('/') && match(route.operation.path, path); });
   return found == kRoutes.end() ? std::string_view() : found->operation.path;
-}
-
-Response json_response(const Call& call, std::string document, int status) {
-  constexpr std::array<std::string_view, 1> types = {"application/json"};
-  negotiate(call.request.header("Accept"), types);
-  Response response{.status = status, .body = std::move(document)};
-  response.set("Content-Type", "application/json");
-  return response;
-}
-
-namespace {
-
-std::string content_range(const ByteRange& range, std::uint64_t bytes) {
-  return "bytes " + std::to_string(range.offset) + "-" + std::to_string(range.offset + range.length - 1) + "/" +
-         std::to_string(bytes);
-}
-
-// Several ranges of a content as one: multipart/byteranges (RFC 9110, 14.6).
-class Multipart {
- public:
-  Multipart(Content content, const std::vector<ByteRange>& ranges, const std::string& type, const std::string& boundary)
-      : content_(std::move(content)) {
-    for (const ByteRange& range : ranges) {
-      pieces_.push_back({.text = "\r\n--" + boundary + "\r\nContent-Type: " + type +
-                                 "\r\nContent-Range: " + content_range(range, content_.bytes) + "\r\n\r\n",
-                         .range = {}});
-      pieces_.push_back({.text = {}, .range = range});
-    }
-    pieces_.push_back({.text = "\r\n--" + boundary + "--\r\n", .range = {}});
-  }
-
-  std::uint64_t bytes() const {
-    std::uint64_t sum = 0;
-    for (const Piece& piece : pieces_) sum += piece.bytes();
-    return sum;
-  }
-
-  /// As Content's.
-  std::size_t read_at(std::uint64_t offset, std::span<char> out) const {
-    std::size_t done = 0;
-    for (const Piece& piece : pieces_) {
-      if (offset >= piece.bytes()) {
-        offset -= piece.bytes();
-        continue;
-      }
-      const auto wanted = out.subspan(done, std::min<std::uint64_t>(out.size() - done, piece.bytes() - offset));
-      const std::size_t n = piece.range.length > 0 ? content_.read_at(piece.range.offset + offset, wanted)
-                                                   : piece.text.copy(wanted.data(), wanted.size(), offset);
-      done += n;
-      if (n < wanted.size() || done == out.size()) break;
-      offset = 0;
-    }
-    return done;
-  }
-
- private:
-  // A text of ours, or else a range of the content.
-  struct Piece {
-    std::string text;
-    ByteRange range;
-    std::uint64_t bytes() const { return text.size() + range.length; }
-  };
-
-  Content content_;
-  std::vector<Piece> pieces_;
-};
-
-}  // namespace
-
-Response content_response(const Call& call, Content content, std::string type, const std::string& filename) {
-  const std::string etag = "\"" + content.sha256 + "\"";
-  const std::string_view if_range = call.request.header("If-Range");
-  ContentPart part{.content = std::move(content), .offset = 0, .length = 0};
-  part.length = part.content.bytes;
-  Response response;
-  std::vector<ByteRange> ranges;
-  if (if_range.empty() || if_range == etag) ranges = byte_ranges(call.request.header("Range"), part.content.bytes);
-  if (!ranges.empty()) response.status = 206;
-  if (ranges.size() == 1) {
-    response.set("Content-Range", content_range(ranges.front(), part.content.bytes));
-    part.offset = ranges.front().offset;
-    part.length = ranges.front().length;
-  } else if (ranges.size() > 1) {
-    // No content can be expected to hold its own digest.
-    const std::string boundary = part.content.sha256;
-    const auto parts = std::make_shared<const Multipart>(std::move(part.content), ranges, type, boundary);
-    part.content = {.bytes = parts->bytes(), .sha256 = {}, .read_at = [parts](std::uint64_t at, std::span<char> out) {
-                      return parts->read_at(at, out);
-                    }};
-    part.length = parts->bytes();
-    type = "multipart/byteranges; boundary=" + boundary;
-  }
-  response.set("Content-Type", std::move(type));
-  response.set("ETag", etag);
-  response.set("Accept-Ranges", "bytes");
-  if (!filename.empty()) response.set("Content-Disposition", "attachment; filename=\"" + filename + "\"");
-  response.body = std::move(part);
-  return response;
-}
-
-void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next) {
-  if (next.empty()) return;
-  std::string cursor;
-  for (const char c : next) {
-    constexpr std::string_view hex = "0123456789ABCDEF";
-    const auto byte = static_cast<unsigned char>(c);
-    if ((c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' || c == '_' ||
-        c == '.') {
-      cursor += c;
-    } else {
-      cursor += {'%', hex[byte >> 4], hex[byte & 15]};
-    }
-  }
-  response.set("Link", "<" + path + "?limit=" + std::to_string(page.limit) + "&cursor=" + cursor + ">; rel=\"next\"");
 }
 
 }  // namespace spherule::api

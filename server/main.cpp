@@ -50,7 +50,7 @@ void log_job(const server::JobRecord& job) {
           .add("kind", job.kind)
           .add_if("client", job.client)
           .add("result", job.result_id)
-          .add("state", to_string(job.state))
+          .add("state", spherule::api::name(job.state))
           .add("seconds", seconds.count()));
 }
 

@@ -14,7 +14,9 @@
 #include <utility>
 
 #include "api/json/documents.h"
+#include "api/json/records.h"
 #include "api/json/registration_documents.h"
+#include "api/json/work.h"
 #include "api/routes.h"
 #include "core/spheres.h"
 #include "core/write/export.h"
@@ -23,13 +25,10 @@
 #include "server/metrics.h"
 #include "server/records/replies.h"
 #include "server/records/store.h"
-#include "server/work/answer_job.h"
 #include "server/work/estimates.h"
+#include "server/work/kinds.h"
 #include "server/work/memory.h"
-#include "server/work/model_job.h"
 #include "server/work/places.h"
-#include "server/work/registration_job.h"
-#include "server/work/simplification_job.h"
 
 namespace spherule::server {
 
@@ -38,6 +37,7 @@ namespace {
 using api::DerivedRequest;
 using api::JobInfo;
 using api::ModelInfo;
+using api::RegistrationInfo;
 using api::StoredFile;
 using api::VolumeInfo;
 using Seconds = api::Service::Seconds;
@@ -49,82 +49,6 @@ constexpr std::chrono::milliseconds kLooks{50};
 // How long unfinished uploads and the replies under idempotency keys are kept.
 constexpr std::chrono::hours kKeepUploads{24}, kKeepReplies{24};
 constexpr std::size_t kMostUploads = 1000;
-
-api::JobState api_state(JobState state) {
-  switch (state) {
-    case JobState::queued: return api::JobState::queued;
-    case JobState::running: return api::JobState::running;
-    case JobState::cancelling: return api::JobState::cancelling;
-    case JobState::succeeded: return api::JobState::succeeded;
-    case JobState::failed: return api::JobState::failed;
-    case JobState::cancelled: break;
-  }
-  return api::JobState::cancelled;
-}
-
-// Empty when the record of what was asked cannot be read, such as that of a picture with options of old.
-std::string path_of_result(const JobRecord& record) try {
-  if (record.kind == registration_kind) return "/v1/registrations/" + record.result_id;
-  if (record.kind == registration_answer_kind) return api::path_of(api::registration_answer_from(record.request));
-  if (record.kind == "model" || record.kind == "simplification") return "/v1/models/" + record.result_id;
-  return api::path_of(api::derived_from(record.request));
-} catch (const Error& error) {
-  if (error.code() != ErrorCode::corrupt) throw;
-  return {};
-}
-
-JobInfo job_info(const JobStatus& status) {
-  const JobRecord& record = status.record;
-  JobInfo job;
-  job.id = record.id;
-  job.kind = record.kind;
-  job.state = api_state(record.state);
-  job.stage = record.stage;
-  job.progress = record.progress;
-  job.queue_position = status.queue_position;
-  job.created = record.created;
-  if (record.started) job.started = *record.started;
-  if (record.finished) job.finished = *record.finished;
-  job.elapsed_s = status.elapsed_s;
-  job.remaining_s = status.remaining_s;
-  job.warnings = record.warnings;
-  if (record.error && record.error->code) job.error.emplace(*record.error->code, record.error->sentence);
-  if (record.state == JobState::succeeded) job.result = path_of_result(record);
-  return job;
-}
-
-std::string kind_of(const DerivedRequest& request) {
-  constexpr std::array<const char*, 9> kinds = {"measures", "checks", "render", "export",   "contributions",
-                                                "slice",    "tree",   "export", "histogram"};
-  return kinds[request.what.index()];
-}
-
-Resource run(Store& store, const JobRecord& record, JobContext& context) {
-  if (record.kind == "model") return run_model(store, record, context);
-  if (record.kind == "simplification") return run_simplification(store, record, context);
-  if (record.kind == registration_kind) return run_registration(store, record, context);
-  if (record.kind == registration_answer_kind) return run_registration_answer(store, record, context);
-  return run_answer(store, record, context);
-}
-
-// Ids of the resources that a job works on. Throws corrupt for a damaged record.
-std::vector<std::string> inputs_of(const JobRecord& record) {
-  if (record.kind == "model") return {api::model_request_from(record.request).volume};
-  if (record.kind == "simplification") return {api::simplification_request_from(record.request).model};
-  if (record.kind == registration_answer_kind) return {api::registration_answer_from(record.request).registration};
-  if (record.kind == registration_kind) {
-    const api::RegistrationRequest request = api::registration_request_from(record.request);
-    return {request.fixed, request.moving};
-  }
-  const DerivedRequest request = api::derived_from(record.request);
-  if (const auto* slice = std::get_if<api::SliceRequest>(&request.what)) return {slice->volume};
-  if (const auto* values = std::get_if<api::ValuesRequest>(&request.what)) return {values->volume};
-  std::vector<std::string> inputs{request.model};
-  if (const auto* render = std::get_if<api::RenderRequest>(&request.what); render != nullptr && !render->with.empty()) {
-    inputs.push_back(render->with);
-  }
-  return inputs;
-}
 
 // Stops the work of a request when nobody waits for it any more or the server stops.
 class Attention {
@@ -176,6 +100,27 @@ std::uint32_t level_of(const ModelInfo& model, std::uint32_t wanted, bool needed
   return wanted == last ? 0 : wanted;
 }
 
+api::Thing thing_of(const Resource& resource) {
+  if (resource.collection == volumes_collection) return api::volume_from(resource.document);
+  if (resource.collection == models_collection) return api::model_from(resource.document);
+  return api::registration_from(resource.document, resource.request);
+}
+
+const char* word_for(api::Collection collection) {
+  constexpr std::array words{"volume", "model", "registration"};
+  return words[static_cast<std::size_t>(collection)];
+}
+
+// The id of what a request makes.
+std::string result_id(const api::WorkRequest& request) {
+  const bool derived = std::holds_alternative<DerivedRequest>(request);
+  const bool registration = std::holds_alternative<api::RegistrationRequest>(request);
+  return content_id(derived        ? "ans"
+                    : registration ? "reg"
+                                   : "mdl",
+                    api::identity_of(request, algorithm_version_text()));
+}
+
 // Memory that a request holds.
 struct Taken {
   JobPool::Memory memory{};
@@ -212,8 +157,8 @@ struct Pipeline::State {
              .memory_bytes = config.job_memory_bytes,
              .longest_run = std::chrono::seconds(config.max_job_s)},
             store.catalog, store.blobs,
-            [this](const JobRecord& record, JobContext& context) { return run(store, record, context); }, logs.fault,
-            logs.job_ended) {
+            [this](const JobRecord& record, JobContext& context) { return do_work(store, record, context); },
+            logs.fault, logs.job_ended) {
     sweeper = std::jthread([this](const std::stop_token& stop) { sweep(stop); });
   }
 
@@ -279,84 +224,61 @@ struct Pipeline::State {
   void remove(const std::string& id) {
     store.remove(id);
     const auto pointless = [&](const JobRecord& job) {
-      try {
-        return std::ranges::any_of(inputs_of(job), [&](const auto& input) { return !store.catalog.find(input); });
-      } catch (const Error&) {
-        return false;  // it will fail by itself
-      }
+      if (!job.request) return false;  // it will fail by itself
+      return std::ranges::any_of(api::inputs_of(*job.request),
+                                 [&](const std::string& input) { return !store.catalog.find(input); });
     };
     pool.abandon(pointless, {ErrorCode::conflict, "What this work is made from was deleted; there is no more to do."});
   }
 
-  struct Awaited {
-    JobStatus status;
-    bool in_full = false;  // until the job was over, or as long as was asked for
-    JobInfo info() const {
-      JobInfo job = job_info(status);
-      job.awaited = in_full;
-      return job;
-    }
-  };
-
   // Waits for a client's job that makes something, and throws when it did not.
-  Awaited wait_for(JobStatus status, const std::string& client, Seconds wait) {
-    bool in_full = false;
-    if (wait.count() > 0 && !is_over(status.record.state)) {
+  JobInfo wait_for(JobRecord job, const std::string& client, Seconds wait) {
+    if (wait.count() > 0 && !is_over(job.state)) {
       if (const auto place = waiters.take(client)) {
         const auto end = std::chrono::steady_clock::now() + wait;
-        status = pool.wait(status.record.id, std::chrono::ceil<std::chrono::milliseconds>(wait));
-        in_full = is_over(status.record.state) || std::chrono::steady_clock::now() >= end;
+        job = pool.wait(job.id, std::chrono::ceil<std::chrono::milliseconds>(wait));
+        job.awaited = is_over(job.state) || std::chrono::steady_clock::now() >= end;
       }
     }
-    const JobRecord& record = status.record;
-    if (record.state == JobState::cancelled || record.state == JobState::cancelling) {
+    if (job.state == JobState::cancelled || job.state == JobState::cancelling) {
       throw Error(ErrorCode::cancelled, "The job was cancelled; ask again to start another.");
     }
-    if (record.state == JobState::failed) {
-      if (record.error && record.error->code) throw Error(*record.error->code, record.error->sentence);
+    if (job.state == JobState::failed) {
+      if (job.error && job.error->code) throw Error(*job.error->code, job.error->sentence);
       throw std::runtime_error("a job failed");
     }
-    return {std::move(status), in_full};
+    return job;
   }
 
-  // The model of this id as it is, or of a job of this kind.
-  api::Outcome<api::StoredModel> model_of(const char* kind, const std::string& id, const std::string& request,
-                                          const std::string& client, std::uint64_t memory, Seconds wait) {
-    if (const auto known = store.find_any(id)) return api::StoredModel{api::model_from(known->document), true};
-    const Awaited job = wait_for(pool.submit(kind, id, request, client, memory), client, wait);
-    if (job.status.record.state != JobState::succeeded) return job.info();
-    return api::StoredModel{api::model_from(store.find_model(id).document), false};
-  }
-
-  // The bytes of the answer of this id: as they are kept, or of a job of this kind.
-  api::Outcome<api::Content> answer_of(const std::string& kind, const std::string& id, const std::string& request,
-                                       const std::string& client, std::uint64_t memory, Seconds wait) {
-    if (const auto known = store.find_any(id)) {
-      try {
-        return content_of(store.intact(known->blobs.at(0)));
-      } catch (const Error& error) {
-        if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
-        if (logs.damaged) logs.damaged(id);
-        store.remove(id);
-      }
+  // What is kept under this id; nothing when it is not there, or is an answer that is damaged, which goes.
+  std::optional<api::Made> known(const std::string& id, bool already_stored) {
+    const auto resource = store.find_any(id);
+    if (!resource) return std::nullopt;
+    if (resource->collection == models_collection)
+      return api::Stored<ModelInfo>{api::model_from(resource->document), already_stored};
+    if (resource->collection == registrations_collection)
+      return api::Stored<RegistrationInfo>{api::registration_from(resource->document, resource->request),
+                                           already_stored};
+    try {
+      return content_of(store.intact(resource->blobs.at(0)));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::corrupt && error.code() != ErrorCode::not_found) throw;
+      if (logs.damaged) logs.damaged(id);
+      store.remove(id);
+      return std::nullopt;
     }
-    const Awaited job = wait_for(pool.submit(kind, id, request, client, memory), client, wait);
-    if (job.status.record.state != JobState::succeeded) return job.info();
-    return content_of(store.intact(store.find(id, answers_collection, "answer").blobs.at(0)));
   }
 
-  // A mapped page of a list of the catalogue.
-  template <typename T, typename F>
-  api::Page<T> page(const char* collection, const api::PageRequest& wanted, F&& from) const {
-    Page<Resource> found = store.catalog.list(collection, wanted.cursor, wanted.limit);
-    api::Page<T> result{.items = {}, .next = found.next, .damaged = std::move(found.damaged)};
+  api::Page<api::Thing> list(api::Collection collection, const api::PageRequest& wanted) const {
+    Page<Resource> found = store.catalog.list(std::string(name(collection)), wanted.cursor, wanted.limit);
+    api::Page<api::Thing> page{.items = {}, .next = found.next, .damaged = std::move(found.damaged)};
     for (const Resource& resource : found.items) try {
-        result.items.push_back(from(resource));
+        page.items.push_back(thing_of(resource));
       } catch (const Error& error) {
         if (error.code() != ErrorCode::corrupt) throw;
-        result.damaged.push_back(resource.id);
+        page.damaged.push_back(resource.id);
       }
-    return result;
+    return page;
   }
 };
 
@@ -399,8 +321,8 @@ std::unique_ptr<api::Upload> Pipeline::start_upload(std::uint64_t announced) {
                                       [&uploads = state_->uploads](std::uint64_t bytes) { uploads.check_room(bytes); });
 }
 
-api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters,
-                                         const api::Gone& gone) {
+api::Stored<VolumeInfo> Pipeline::store_volume(std::unique_ptr<api::Upload> upload,
+                                               const api::VolumeParameters& parameters, const api::Gone& gone) {
   Store& s = state_->store;
   auto& arrived = dynamic_cast<FileUpload&>(*upload);
   arrived.unpack({.unpacked_bytes = s.config.max_decompressed_bytes});
@@ -448,53 +370,30 @@ api::StoredVolume Pipeline::store_volume(std::unique_ptr<api::Upload> upload, co
     for (const std::string& key : resource.blobs) s.blobs.remove(key);
     throw;
   }
-  const bool added = publish(s.catalog, s.blobs, resource);
-  return {api::volume_from(s.find_volume(info.id).document), !added};
+  if (publish(s.catalog, s.blobs, resource)) return {std::move(info), false};
+  return {find<VolumeInfo>(info.id), true};
 }
 
-api::Page<VolumeInfo> Pipeline::volumes(const api::PageRequest& page) {
-  return state_->page<VolumeInfo>(volumes_collection, page,
-                                  [](const Resource& resource) { return api::volume_from(resource.document); });
-}
-
-VolumeInfo Pipeline::volume(const std::string& id) { return api::volume_from(state_->store.find_volume(id).document); }
-
-api::Content Pipeline::volume_content(const std::string& id, std::size_t index) {
-  const Resource resource = state_->store.find_volume(id);
+api::Content Pipeline::content(const std::string& volume, std::size_t index) {
+  const Resource resource = state_->store.find_volume(volume);
   if (index >= resource.blobs.size()) not_found("file");
   return content_of(state_->store.intact(resource.blobs[index]));
 }
 
-api::Outcome<std::vector<std::uint64_t>> Pipeline::value_histogram(const std::string& id, std::size_t buckets,
-                                                                   Seconds wait) {
-  const auto counted = derive({.model = {}, .what = api::ValuesRequest{id, buckets}}, wait);
-  const auto* content = std::get_if<api::Content>(&counted);
-  if (content == nullptr) return std::get<JobInfo>(counted);
-  std::string record(content->bytes, '\0');
-  record.resize(content->read_at(0, record));
-  return api::counts_from(record);
+api::Thing Pipeline::find(api::Collection collection, const std::string& id) {
+  return thing_of(state_->store.find(id, name(collection).data(), word_for(collection)));
 }
 
-void Pipeline::delete_volume(const std::string& id) {
-  state_->store.require(id, volumes_collection, "volume");
+api::Page<api::Thing> Pipeline::list(api::Collection collection, const api::PageRequest& page) {
+  return state_->list(collection, page);
+}
+
+void Pipeline::remove(api::Collection collection, const std::string& id) {
+  state_->store.require(id, name(collection).data(), word_for(collection));
   state_->remove(id);
 }
 
-api::Outcome<api::StoredModel> Pipeline::make_model(const api::ModelRequest& request, Seconds wait) {
-  const std::uint64_t memory = memory_for(state_->store, request);
-  const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  return state_->model_of("model", id, api::record_of(request), client_, memory, wait);
-}
-
-api::Outcome<api::StoredModel> Pipeline::simplify_model(const api::SimplificationRequest& request, Seconds wait) {
-  const ModelInfo source = model(request.model);
-  check_method(request.method, source.spheres);
-  const std::uint64_t memory = memory_for(state_->store, request);
-  const std::string id = content_id("mdl", api::identity_of(request, algorithm_version_text()));
-  return state_->model_of("simplification", id, api::record_of(request), client_, memory, wait);
-}
-
-api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) {
+api::Stored<ModelInfo> Pipeline::import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) {
   Store& s = state_->store;
   const auto& staging = *dynamic_cast<FileUpload&>(*upload).files().front().staging;
   ModelInfo info;
@@ -521,19 +420,7 @@ api::StoredModel Pipeline::import_model(std::unique_ptr<api::Upload> upload, api
   info.spheres = model.spheres.size();
   info.bounds = bounds(model);
   const bool added = publish(s.catalog, s.blobs, s.keep(info, std::move(model), watch, context));
-  return {this->model(info.id), !added};
-}
-
-api::Page<ModelInfo> Pipeline::models(const api::PageRequest& page) {
-  return state_->page<ModelInfo>(models_collection, page,
-                                 [](const Resource& resource) { return api::model_from(resource.document); });
-}
-
-ModelInfo Pipeline::model(const std::string& id) { return api::model_from(state_->store.find_model(id).document); }
-
-void Pipeline::delete_model(const std::string& id) {
-  state_->store.require(id, models_collection, "model");
-  state_->remove(id);
+  return {find<ModelInfo>(info.id), !added};
 }
 
 api::SpherePage Pipeline::spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
@@ -567,109 +454,67 @@ RadiusHistogram Pipeline::radius_histogram(const std::string& id, std::size_t bu
   return spherule::radius_histogram(model->spheres, buckets, scale);
 }
 
-api::Outcome<api::Content> Pipeline::derive(const DerivedRequest& wanted, Seconds wait) {
-  Store& s = state_->store;
-  DerivedRequest request = wanted;
-  if (!std::holds_alternative<api::SliceRequest>(request.what) &&
-      !std::holds_alternative<api::ValuesRequest>(request.what)) {
-    const ModelInfo model = this->model(request.model);
-    if (!model.source && std::holds_alternative<api::ChecksRequest>(request.what)) {
-      throw Error(ErrorCode::unusable,
-                  "Only models made from a scan can be checked against it; ask for this one's measures.");
-    }
-    const auto* listed = std::get_if<api::ExportRequest>(&request.what);
-    const auto* tree = std::get_if<api::TreeRequest>(&request.what);
-    request.level =
-        level_of(model, request.level, tree != nullptr || (listed != nullptr && listed->listing.needs_levels()));
-    if (tree != nullptr && !tree->levels.empty()) static_cast<void>(level_of(model, tree->levels.back(), true));
+// The request as it is kept: with the level that it means. Throws for what its model does not have.
+DerivedRequest Pipeline::checked(DerivedRequest request) {
+  if (api::kind_of(request).source != "model") return request;
+  const auto model = find<ModelInfo>(request.source);
+  if (!model.source && std::holds_alternative<api::ChecksRequest>(request.what)) {
+    throw Error(ErrorCode::unusable,
+                "Only models made from a scan can be checked against it; ask for this one's measures.");
   }
-  const std::uint64_t memory = memory_for(s, request);
-  const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
-  return state_->answer_of(kind_of(request), id, api::record_of(request), client_, memory, wait);
+  const auto* listed = std::get_if<api::ExportRequest>(&request.what);
+  const auto* tree = std::get_if<api::TreeRequest>(&request.what);
+  request.level =
+      level_of(model, request.level, tree != nullptr || (listed != nullptr && listed->listing.needs_levels()));
+  if (tree != nullptr && !tree->levels.empty()) static_cast<void>(level_of(model, tree->levels.back(), true));
+  return request;
 }
 
-api::Outcome<api::StoredRegistration> Pipeline::register_pair(const api::RegistrationRequest& request, Seconds wait) {
-  Store& s = state_->store;
-  const std::uint64_t memory = memory_for(s, request);
-  const std::string id = content_id("reg", api::identity_of(request, algorithm_version_text()));
-  if (const auto known = s.find_any(id)) return api::StoredRegistration{registration_info(*known), true};
-  const State::Awaited job = state_->wait_for(
-      state_->pool.submit(registration_kind, id, api::record_of(request), client_, memory), client_, wait);
-  if (job.status.record.state != JobState::succeeded) return job.info();
-  return api::StoredRegistration{registration(id), false};
-}
-
-api::Page<api::RegistrationInfo> Pipeline::registrations(const api::PageRequest& wanted) {
-  return state_->page<api::RegistrationInfo>(registrations_collection, wanted, registration_info);
-}
-
-api::RegistrationInfo Pipeline::registration(const std::string& id) {
-  return registration_info(state_->store.find(id, registrations_collection, "registration"));
-}
-
-void Pipeline::delete_registration(const std::string& id) {
-  state_->store.require(id, registrations_collection, "registration");
-  state_->remove(id);
-}
-
-api::Outcome<api::Content> Pipeline::derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) {
-  const std::uint64_t memory = memory_for(state_->store, request);
-  const std::string id = content_id("ans", api::identity_of(request, algorithm_version_text()));
-  return state_->answer_of(registration_answer_kind, id, api::record_of(request), client_, memory, wait);
+api::Outcome Pipeline::submit(const api::WorkRequest& wanted, Seconds wait) {
+  api::WorkRequest request = wanted;
+  if (auto* derived = std::get_if<DerivedRequest>(&request)) *derived = checked(std::move(*derived));
+  if (const auto* simplification = std::get_if<api::SimplificationRequest>(&request))
+    check_method(simplification->method, find<ModelInfo>(simplification->model).spheres);
+  State& s = *state_;
+  const std::uint64_t memory = memory_for(s.store, request);
+  const std::string id = result_id(request);
+  if (auto made = s.known(id, true)) return std::move(*made);
+  const JobInfo job = s.wait_for(s.pool.submit(request, id, client_, memory), client_, wait);
+  if (job.state != JobState::succeeded) return job;
+  auto made = s.known(id, false);
+  if (!made) not_found("result");
+  return std::move(*made);
 }
 
 api::Page<JobInfo> Pipeline::jobs(const api::PageRequest& page) {
-  const Page<JobStatus> found = state_->pool.list(page.cursor, page.limit);
-  api::Page<JobInfo> result{.items = {}, .next = found.next, .damaged = found.damaged};
-  for (const JobStatus& status : found.items) result.items.push_back(job_info(status));
-  return result;
+  Page<JobRecord> found = state_->pool.list(page.cursor, page.limit);
+  return {.items = {found.items.begin(), found.items.end()},
+          .next = std::move(found.next),
+          .damaged = std::move(found.damaged)};
 }
 
-JobInfo Pipeline::job(const std::string& id) { return job_info(state_->pool.status(id)); }
+JobInfo Pipeline::job(const std::string& id) { return state_->pool.status(id); }
 
 api::JobEvents Pipeline::job_events(const std::string& id, std::uint64_t after, Seconds wait) {
-  const JobEvents found = state_->pool.events(id, after, std::chrono::ceil<std::chrono::milliseconds>(wait));
-  api::JobEvents result{.events = {}, .over = found.over, .stopping = found.stopping};
-  for (const JobEvent& event : found.events) {
-    result.events.push_back({.number = event.number,
-                             .type = static_cast<api::JobEvent::Type>(event.type),
-                             .state = api_state(event.state),
-                             .stage = event.stage,
-                             .progress = event.progress,
-                             .warning = event.warning});
-  }
-  return result;
+  return state_->pool.events(id, after, std::chrono::ceil<std::chrono::milliseconds>(wait));
 }
 
 std::optional<JobInfo> Pipeline::cancel_job(const std::string& id) {
-  if (const auto job = state_->pool.cancel(id, client_)) return job_info(*job);
+  if (const auto job = state_->pool.cancel(id, client_)) return *job;
   if (scope_ < Scope::admin) return std::nullopt;
-  return job_info(state_->pool.cancel_for_all(id));
+  return state_->pool.cancel_for_all(id);
 }
 
-api::UploadInfo Pipeline::create_upload(std::uint64_t length, const std::string& filename) {
-  return state_->uploads.create(length, filename);
-}
-
-api::UploadInfo Pipeline::upload(const std::string& id) { return state_->uploads.find(id); }
-
-api::UploadInfo Pipeline::append_upload(const std::string& id, std::uint64_t offset,
-                                        const std::function<void(const TakeBytes&)>& feed) {
-  return state_->uploads.append(id, offset, feed);
-}
-
-void Pipeline::read_upload(const std::string& id, const TakeBytes& take) { state_->uploads.read(id, take); }
-
-void Pipeline::delete_upload(const std::string& id) { state_->uploads.remove(id); }
+api::PartialUploads& Pipeline::partial_uploads() { return state_->uploads; }
 
 // Clients do not see each other's replies, whatever keys they choose.
 std::string Pipeline::own(const std::string& key) const { return client_ + " " + key; }
 
-std::optional<std::string> Pipeline::recall_reply(const std::string& key) { return state_->replies.recall(own(key)); }
+std::optional<std::string> Pipeline::recall(const std::string& key) { return state_->replies.recall(own(key)); }
 
-void Pipeline::keep_reply(const std::string& key, const std::string& reply) { state_->replies.keep(own(key), reply); }
+void Pipeline::keep(const std::string& key, const std::string& reply) { state_->replies.keep(own(key), reply); }
 
-void Pipeline::release_reply(const std::string& key) { state_->replies.release(own(key)); }
+void Pipeline::release(const std::string& key) { state_->replies.release(own(key)); }
 
 std::vector<api::Metric> Pipeline::metrics() {
   Store& s = state_->store;
@@ -683,7 +528,7 @@ std::vector<api::Metric> Pipeline::metrics() {
   api::Metric ended{"spherule_jobs_ended_total", "counter", "Jobs that are over, by how they ended.", {}};
   for (const auto& [what, count] : load.ended) {
     ended.samples.push_back(
-        {"", {{"kind", what.first}, {"state", std::string(to_string(what.second))}}, static_cast<double>(count)});
+        {"", {{"kind", what.first}, {"state", std::string(api::name(what.second))}}, static_cast<double>(count)});
   }
   all.push_back(std::move(ended));
   all.push_back(

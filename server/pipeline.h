@@ -33,7 +33,7 @@ struct PipelineLogs {
   std::function<void(std::chrono::seconds by)> clock_moved;
 };
 
-class Pipeline final : public api::Service {
+class Pipeline final : public api::Service, private api::Replies {
  public:
   /// Opens the store in config.data (made if needed) and takes up the jobs that an earlier process left. Throws busy
   /// when another process uses that folder, and what Catalog and FileBlobStore throw.
@@ -55,42 +55,24 @@ class Pipeline final : public api::Service {
   api::Limits limits() const override;
   api::Readiness readiness() const override;
   std::unique_ptr<api::Upload> start_upload(std::uint64_t announced) override;
-  api::StoredVolume store_volume(std::unique_ptr<api::Upload> upload, const api::VolumeParameters& parameters,
-                                 const api::Gone& gone) override;
-  api::Page<api::VolumeInfo> volumes(const api::PageRequest& page) override;
-  api::VolumeInfo volume(const std::string& id) override;
-  api::Content volume_content(const std::string& id, std::size_t index) override;
-  api::Outcome<std::vector<std::uint64_t>> value_histogram(const std::string& id, std::size_t buckets,
-                                                           Seconds wait) override;
-  void delete_volume(const std::string& id) override;
-  api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override;
-  api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override;
-  api::StoredModel import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) override;
-  api::Page<api::ModelInfo> models(const api::PageRequest& page) override;
-  api::ModelInfo model(const std::string& id) override;
-  void delete_model(const std::string& id) override;
-  api::SpherePage spheres(const std::string& id, std::uint32_t level, std::uint64_t offset, std::size_t limit,
+  api::Stored<api::VolumeInfo> store_volume(std::unique_ptr<api::Upload> upload,
+                                            const api::VolumeParameters& parameters, const api::Gone& gone) override;
+  api::Stored<api::ModelInfo> import_model(std::unique_ptr<api::Upload> upload, api::SphereFormat format) override;
+  using Service::find;
+  api::Thing find(api::Collection collection, const std::string& id) override;
+  api::Page<api::Thing> list(api::Collection collection, const api::PageRequest& page) override;
+  void remove(api::Collection collection, const std::string& id) override;
+  api::Content content(const std::string& volume, std::size_t index) override;
+  api::SpherePage spheres(const std::string& model, std::uint32_t level, std::uint64_t offset, std::size_t limit,
                           const api::SphereListing& listing, bool members) override;
-  RadiusHistogram radius_histogram(const std::string& id, std::size_t buckets, RadiusScale scale) override;
-  api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override;
-  api::Outcome<api::StoredRegistration> register_pair(const api::RegistrationRequest& request, Seconds wait) override;
-  api::Page<api::RegistrationInfo> registrations(const api::PageRequest& page) override;
-  api::RegistrationInfo registration(const std::string& id) override;
-  void delete_registration(const std::string& id) override;
-  api::Outcome<api::Content> derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) override;
+  RadiusHistogram radius_histogram(const std::string& model, std::size_t buckets, RadiusScale scale) override;
+  api::Outcome submit(const api::WorkRequest& request, Seconds wait) override;
   api::Page<api::JobInfo> jobs(const api::PageRequest& page) override;
   api::JobInfo job(const std::string& id) override;
   api::JobEvents job_events(const std::string& id, std::uint64_t after, Seconds wait) override;
   std::optional<api::JobInfo> cancel_job(const std::string& id) override;
-  api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override;
-  api::UploadInfo upload(const std::string& id) override;
-  api::UploadInfo append_upload(const std::string& id, std::uint64_t offset,
-                                const std::function<void(const TakeBytes&)>& feed) override;
-  void read_upload(const std::string& id, const TakeBytes& take) override;
-  void delete_upload(const std::string& id) override;
-  std::optional<std::string> recall_reply(const std::string& key) override;
-  void keep_reply(const std::string& key, const std::string& reply) override;
-  void release_reply(const std::string& key) override;
+  api::PartialUploads& partial_uploads() override;
+  api::Replies& replies() override { return *this; }
   std::vector<api::Metric> metrics() override;
 
  private:
@@ -98,7 +80,11 @@ class Pipeline final : public api::Service {
   Pipeline(std::shared_ptr<State> state, std::string client, Scope scope)
       : state_(std::move(state)), client_(std::move(client)), scope_(scope) {}
 
+  std::optional<std::string> recall(const std::string& key) override;
+  void keep(const std::string& key, const std::string& reply) override;
+  void release(const std::string& key) override;
   std::string own(const std::string& key) const;
+  api::DerivedRequest checked(api::DerivedRequest request);
 
   std::shared_ptr<State> state_;
   std::string client_;

@@ -8,10 +8,10 @@ namespace spherule::api {
 
 Response get_slice(const Call& call) {
   const SliceRequest slice =
-      slice_request(call.request, call.service.volume(call.id()), call.parameters[1], call.parameters[2]);
+      slice_request(call.request, call.service.find<VolumeInfo>(call.id()), call.parameters[1], call.parameters[2]);
   check_pixels(call,
                static_cast<std::uint64_t>(slice.options.width) * static_cast<std::uint64_t>(slice.options.height));
-  Response response = derived(call, {.model = {}, .what = slice}, media_type(slice.format));
+  Response response = derived(call, {.source = call.id(), .what = slice}, media_type(slice.format));
   response.set("Vary", "Accept");
   return response;
 }

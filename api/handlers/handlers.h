@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,18 +23,17 @@ struct Call {
   const std::string& id() const { return parameters.front(); }
 };
 
-Response list_volumes(const Call& call);
+// Of a volume, a model or a registration.
+Response list_things(const Call& call, Collection collection);
+Response get_thing(const Call& call, Collection collection);
+Response delete_thing(const Call& call, Collection collection);
+
 Response post_volume(const Call& call);
-Response get_volume(const Call& call);
-Response delete_volume(const Call& call);
 Response get_volume_content(const Call& call);
 Response get_volume_histogram(const Call& call);
 Response get_slice(const Call& call);
 
-Response list_models(const Call& call);
 Response post_model(const Call& call);
-Response get_model(const Call& call);
-Response delete_model(const Call& call);
 Response get_spheres(const Call& call);
 Response get_measures(const Call& call);
 Response get_radius_histogram(const Call& call);
@@ -48,10 +48,8 @@ Response get_upload(const Call& call);
 Response patch_upload(const Call& call);
 Response delete_upload(const Call& call);
 
-Response list_registrations(const Call& call);
 Response post_registration(const Call& call);
 Response get_registration(const Call& call);
-Response delete_registration(const Call& call);
 Response get_registration_render(const Call& call);
 Response get_applied(const Call& call);
 Response post_apply(const Call& call);
@@ -83,30 +81,27 @@ Response json_response(const Call& call, std::string document, int status = 200)
 struct Wait {
   std::chrono::seconds granted;
   bool asked;  ///< by a Prefer header
-
-  /// Tells the caller what became of the Prefer header: nothing where the wait was not granted.
-  template <typename T>
-  void state(Response& response, const Outcome<T>& outcome) const {
-    const auto* job = std::get_if<JobInfo>(&outcome);
-    if (asked && (job == nullptr || job->awaited || granted.count() == 0)) {
-      response.set("Preference-Applied", "wait=" + std::to_string(granted.count()));
-    }
-  }
 };
 /// What the caller prefers, capped; the cap itself without a preference where `waits_unasked`, else 0.
 Wait agreed_wait(const Call& call, bool waits_unasked);
-/// 202 with the job and where to look for it.
-Response accepted(const JobInfo& job);
-/// 200 or 201 with the model, or 202 with its job.
-Response model_response(const Call& call, const Outcome<StoredModel>& outcome, const Wait& wait);
+/// What the request makes, as `present` shows it, or 202 with the job and where to look for it; and what became of the
+/// Prefer header.
+using Present = std::function<Response(Made made)>;
+Response worked(const Call& call, const WorkRequest& request, const Wait& wait, const Present& present);
+/// 200 or 201 with a thing that was asked for, and where it is.
+Response stored(const Call& call, std::string document, bool already_stored, const std::string& location);
+/// A model or a registration that a request makes: does not wait unasked.
+Response made(const Call& call, const WorkRequest& request);
 /// The whole body of a request of JSON.
 std::string json_body(const Call& call);
 /// A stored content, or the part of it that a Range header asks for.
 Response content_response(const Call& call, Content content, std::string media_type, const std::string& filename);
-/// What is derived from a model or volume, once it is there: waits for it, or answers with its job. Throws HttpError
-/// 406 when the Accept header does not allow `media_type`.
+/// What is derived from something, once it is there: waits for it, or answers with its job. Throws HttpError 406 when
+/// the Accept header does not allow `media_type`.
 Response derived(const Call& call, const DerivedRequest& request, std::string_view media_type,
                  const std::string& filename = {});
+/// All of a content.
+std::string text_of(const Content& content);
 /// Throws too_large for pictures of more pixels than the service allows.
 void check_pixels(const Call& call, std::uint64_t pixels);
 /// As what a histogram is asked for, and the size of its plot: `?width=` and `?height=`, which JSON does not have.
@@ -121,15 +116,5 @@ Response plotted(const Plot& plot, FigureFormat format, const PlotSize& size);
 void describe_uploads(Service& service, Response& response);
 /// Adds a Link header to the next page of a list.
 void link_next(Response& response, const std::string& path, const PageRequest& page, const std::string& next);
-/// One page of the list at `path`: `list` is the service's function for it, `document` shows what that gives.
-template <typename T>
-Response listed(const Call& call, const std::string& path, Page<T> (Service::*list)(const PageRequest&),
-                std::string (*document)(const Page<T>&)) {
-  const PageRequest wanted = page_request(Query(call.request, {"limit", "cursor"}));
-  const Page<T> page = (call.service.*list)(wanted);
-  Response response = json_response(call, document(page));
-  link_next(response, path, wanted, page.next);
-  return response;
-}
 
 }  // namespace spherule::api

@@ -25,7 +25,13 @@ void append(std::string& out, std::uint64_t& last, const JobEvents& events) {
 
 }  // namespace
 
-Response list_jobs(const Call& call) { return listed(call, "/v1/jobs", &Service::jobs, job_list_document); }
+Response list_jobs(const Call& call) {
+  const PageRequest wanted = page_request(Query(call.request, {"limit", "cursor"}));
+  const Page<JobInfo> page = call.service.jobs(wanted);
+  Response response = json_response(call, job_list_document(page));
+  link_next(response, "/v1/jobs", wanted, page.next);
+  return response;
+}
 
 Response get_job(const Call& call) {
   const Query query(call.request, {});

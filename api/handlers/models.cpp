@@ -15,31 +15,25 @@ namespace {
 constexpr std::array<std::string_view, 4> kSphereTypes = {"text/csv", "application/x-npy", "application/x-ply",
                                                           "application/x-vtk-polydata"};
 
-Response stored(const Call& call, const StoredModel& model) {
-  Response response = json_response(call, model_document(model.model), model.already_stored ? 200 : 201);
-  response.set("Location", "/v1/models/" + model.model.id);
-  return response;
-}
-
 Response import_spheres(const Call& call, SphereFormat format) {
   std::unique_ptr<Upload> upload = call.service.start_upload(call.request.body->announced());
   upload->begin_file({});
   call.request.body->read(call.service.limits().upload_bytes, [&](std::string_view piece) { upload->write(piece); });
-  return stored(call, call.service.import_model(std::move(upload), format));
+  const Stored<ModelInfo> model = call.service.import_model(std::move(upload), format);
+  return stored(call, document_of(model.thing), model.already_stored, "/v1/models/" + model.thing.id);
 }
 
 Response make_model(const Call& call) {
-  const Wait wait = agreed_wait(call, false);
   const ModelWish wish = model_wish(json_body(call));
   ModelRequest request{.volume = wish.volume, .rule = wish.rule};
   if (!wish.side_given && wish.rule.kind == ObjectRule::Kind::threshold) {
-    request.rule.side = call.service.volume(wish.volume).natural_side;
+    request.rule.side = call.service.find<VolumeInfo>(wish.volume).natural_side;
   }
-  return model_response(call, call.service.make_model(request, wait.granted), wait);
+  return made(call, request);
 }
 
 Response exported(const Call& call, const ExportRequest& wanted, std::uint32_t level) {
-  Response response = derived(call, {.model = call.id(), .what = wanted, .level = level},
+  Response response = derived(call, {.source = call.id(), .what = wanted, .level = level},
                               kSphereTypes[static_cast<std::size_t>(wanted.format)],
                               call.id() + "." + std::string(name(wanted.format)));
   // For the formats that cannot say so themselves.
@@ -51,7 +45,7 @@ Response exported(const Call& call, const ExportRequest& wanted, std::uint32_t l
 Response get_file(const Call& call, FileFormat format) {
   const FileFormatInfo& about = info(format);
   const auto [file, level] = file_request(call.request, format);
-  Response response = derived(call, {.model = call.id(), .what = file, .level = level}, about.media_type,
+  Response response = derived(call, {.source = call.id(), .what = file, .level = level}, about.media_type,
                               call.id() + "." + std::string(about.extension));
   response.set("Spherule-Frame", std::string(about.frame));
   response.set("Spherule-Unit", std::string(about.unit));
@@ -81,6 +75,32 @@ std::uint32_t level_of(const Query& query) {
   return static_cast<std::uint32_t>(query.integer("level", ranges::level).value_or(0));
 }
 
+struct PageOfSpheres {
+  SphereListing listing;
+  std::uint32_t level;
+  bool members;
+  std::uint64_t offset;
+  std::size_t limit;
+};
+
+Response page_of_spheres(const Call& call, const Query& query, const PageOfSpheres& wanted) {
+  const SpherePage page =
+      call.service.spheres(call.id(), wanted.level, wanted.offset, wanted.limit, wanted.listing, wanted.members);
+  Response response{.status = 200, .body = sphere_page_document(call.id(), page, wanted.offset)};
+  response.set("Content-Type", "application/json");
+  response.set("Vary", "Accept");
+  const std::uint64_t end = wanted.offset + page.spheres.size();
+  if (end < page.total) {
+    std::string next = "/v1/models/" + call.id() + "/spheres?format=json";
+    for (const char* name : {"level", "rows", "columns", "order", "members"}) {
+      if (const auto text = query.text(name)) next += std::string("&") + name + "=" + *text;
+    }
+    response.set("Link", "<" + next + "&offset=" + std::to_string(end) + "&limit=" + std::to_string(wanted.limit) +
+                             ">; rel=\"next\"");
+  }
+  return response;
+}
+
 std::string export_names() {
   std::string names = "csv, npy, ply, vtp";
   for (std::size_t i = 0; i < file_format_count; ++i)
@@ -90,48 +110,7 @@ std::string export_names() {
 
 }  // namespace
 
-Wait agreed_wait(const Call& call, bool waits_unasked) {
-  const std::chrono::seconds cap = call.service.limits().longest_wait;
-  const auto preferred = preferred_wait(call.request);
-  return {std::min(preferred.value_or(waits_unasked ? cap : std::chrono::seconds(0)), cap), preferred.has_value()};
-}
-
-Response accepted(const JobInfo& job) {
-  Response response{.status = 202, .body = job_document(job)};
-  response.set("Content-Type", "application/json");
-  response.set("Location", "/v1/jobs/" + job.id);
-  response.set("Retry-After", "1");
-  return response;
-}
-
-Response model_response(const Call& call, const Outcome<StoredModel>& outcome, const Wait& wait) {
-  const auto* model = std::get_if<StoredModel>(&outcome);
-  Response response = model != nullptr ? stored(call, *model) : accepted(std::get<JobInfo>(outcome));
-  wait.state(response, outcome);
-  return response;
-}
-
-std::string json_body(const Call& call) {
-  constexpr std::uint64_t most = 1 << 20;
-  std::string text;
-  call.request.body->read(most, [&](std::string_view piece) { text += piece; });
-  return text;
-}
-
-Response derived(const Call& call, const DerivedRequest& request, std::string_view type, const std::string& filename) {
-  negotiate(call.request.header("Accept"), std::span(&type, 1));
-  const Wait wait = agreed_wait(call, true);
-  Outcome<Content> outcome = call.service.derive(request, wait.granted);
-  auto* content = std::get_if<Content>(&outcome);
-  Response response = content != nullptr ? content_response(call, std::move(*content), std::string(type), filename)
-                                         : accepted(std::get<JobInfo>(outcome));
-  wait.state(response, outcome);
-  return response;
-}
-
 void check_model_body(const Request& request) { static_cast<void>(body_format(request)); }
-
-Response list_models(const Call& call) { return listed(call, "/v1/models", &Service::models, model_list_document); }
 
 Response post_model(const Call& call) {
   const std::optional<SphereFormat> format = body_format(call.request);
@@ -141,17 +120,6 @@ Response post_model(const Call& call) {
                 "Send a JSON object such as {\"volume\": id, \"threshold\": 60.5}, or spheres as CSV or NPY.");
   }
   return format ? import_spheres(call, *format) : make_model(call);
-}
-
-Response get_model(const Call& call) {
-  const Query query(call.request, {});
-  return json_response(call, model_document(call.service.model(call.id())));
-}
-
-Response delete_model(const Call& call) {
-  const Query query(call.request, {});
-  call.service.delete_model(call.id());
-  return {.status = 204};
 }
 
 Response get_spheres(const Call& call) {
@@ -186,31 +154,14 @@ Response get_spheres(const Call& call) {
     throw Error(ErrorCode::invalid_argument, "Members are of the spheres of a level; leave rows out.",
                 {{"members", "This is for rows=spheres."}});
   }
-  if (listing.needs_contributions()) {
-    const Wait wait = agreed_wait(call, true);
-    const auto outcome =
-        call.service.derive({.model = call.id(), .what = ContributionsRequest{}, .level = level}, wait.granted);
-    if (const auto* job = std::get_if<JobInfo>(&outcome)) {
-      Response response = accepted(*job);
-      wait.state(response, outcome);
-      return response;
-    }
-  }
-  const auto first = static_cast<std::uint64_t>(offset.value_or(0));
-  const auto count = static_cast<std::size_t>(limit.value_or(1000));
-  const SpherePage page = call.service.spheres(call.id(), level, first, count, listing, members == "true");
-  Response response{.status = 200, .body = sphere_page_document(call.id(), page, first)};
-  response.set("Content-Type", "application/json");
-  response.set("Vary", "Accept");
-  if (first + page.spheres.size() < page.total) {
-    std::string next = "/v1/models/" + call.id() + "/spheres?format=json";
-    for (const char* name : {"level", "rows", "columns", "order", "members"}) {
-      if (const auto text = query.text(name)) next += std::string("&") + name + "=" + *text;
-    }
-    response.set("Link", "<" + next + "&offset=" + std::to_string(first + page.spheres.size()) +
-                             "&limit=" + std::to_string(count) + ">; rel=\"next\"");
-  }
-  return response;
+  const PageOfSpheres wanted{.listing = listing,
+                             .level = level,
+                             .members = members == "true",
+                             .offset = static_cast<std::uint64_t>(offset.value_or(0)),
+                             .limit = static_cast<std::size_t>(limit.value_or(1000))};
+  if (!listing.needs_contributions()) return page_of_spheres(call, query, wanted);
+  return worked(call, DerivedRequest{.source = call.id(), .what = ContributionsRequest{}, .level = level},
+                agreed_wait(call, true), [&](const Made&) { return page_of_spheres(call, query, wanted); });
 }
 
 Response get_measures(const Call& call) {
@@ -218,20 +169,10 @@ Response get_measures(const Call& call) {
   const auto components = query.integer("components", {0, static_cast<std::int64_t>(listed_components)}).value_or(10);
   constexpr std::array<std::string_view, 1> types = {"application/json"};
   negotiate(call.request.header("Accept"), types);
-  const Wait wait = agreed_wait(call, true);
-  const auto outcome =
-      call.service.derive({.model = call.id(), .what = MeasuresRequest{}, .level = level_of(query)}, wait.granted);
-  const auto* content = std::get_if<Content>(&outcome);
-  Response response;
-  if (content != nullptr) {
-    std::string document(content->bytes, 0);
-    document.resize(content->read_at(0, document));
-    response = json_response(call, with_components(document, static_cast<std::size_t>(components)));
-  } else {
-    response = accepted(std::get<JobInfo>(outcome));
-  }
-  wait.state(response, outcome);
-  return response;
+  const DerivedRequest request{.source = call.id(), .what = MeasuresRequest{}, .level = level_of(query)};
+  return worked(call, request, agreed_wait(call, true), [&](const Made& made) {
+    return json_response(call, with_components(text_of(std::get<Content>(made)), static_cast<std::size_t>(components)));
+  });
 }
 
 Response get_radius_histogram(const Call& call) {
@@ -247,14 +188,14 @@ Response get_radius_histogram(const Call& call) {
 
 Response get_checks(const Call& call) {
   const Query query(call.request, {});
-  return derived(call, {.model = call.id(), .what = ChecksRequest{}}, "application/json");
+  return derived(call, {.source = call.id(), .what = ChecksRequest{}}, "application/json");
 }
 
 Response get_render(const Call& call) {
   const auto [render, level] = render_request(call.request);
   check_pixels(call, pixels_of(render.options, render.with.empty() ? 1 : 2));
   const char* type = render.options.turntable > 0 ? "image/gif" : "image/png";
-  return derived(call, {.model = call.id(), .what = render, .level = level}, type);
+  return derived(call, {.source = call.id(), .what = render, .level = level}, type);
 }
 
 Response get_export(const Call& call) {

@@ -16,14 +16,12 @@ Response post_simplification(const Call& call) {
     throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"method\": \"best\", \"k\": 64}.");
   }
   check_simplification_body(call.request);
-  const Wait wait = agreed_wait(call, false);
-  const SimplifyMethod method = simplify_wish(json_body(call));
-  return model_response(call, call.service.simplify_model({.model = call.id(), .method = method}, wait.granted), wait);
+  return made(call, SimplificationRequest{.model = call.id(), .method = simplify_wish(json_body(call))});
 }
 
 Response get_tree(const Call& call) {
   const Query query(call.request, {"levels"});
-  return derived(call, {.model = call.id(), .what = TreeRequest{tree_levels(query)}}, "application/json");
+  return derived(call, {.source = call.id(), .what = TreeRequest{tree_levels(query)}}, "application/json");
 }
 
 }  // namespace spherule::api

@@ -99,7 +99,7 @@ void tell(Response& response, const UploadInfo& upload) {
 
 // Appends the body. All that arrives of it stays, also when it breaks off.
 UploadInfo append(const Call& call, const std::string& id, std::uint64_t offset) {
-  return call.service.append_upload(id, offset, [&](const Body::Take& take) {
+  return call.service.partial_uploads().append(id, offset, [&](const Body::Take& take) {
     if (call.request.body != nullptr) call.request.body->read(call.service.limits().upload_bytes, take);
   });
 }
@@ -133,7 +133,8 @@ Response post_upload(const Call& call) {
   const auto length = byte_count(call.request, "Upload-Length");
   if (!length) throw Error(ErrorCode::invalid_argument, "Announce the size of the whole upload as Upload-Length.");
   check_first_piece(call.request);
-  UploadInfo upload = call.service.create_upload(*length, filename_of(call.request.header("Upload-Metadata")));
+  UploadInfo upload =
+      call.service.partial_uploads().create(*length, filename_of(call.request.header("Upload-Metadata")));
   if (has_body(call.request)) upload = append(call, upload.id, 0);
   Response response = json_response(call, upload_document(upload), 201);
   response.set("Location", "/v1/uploads/" + upload.id);
@@ -144,7 +145,7 @@ Response post_upload(const Call& call) {
 Response get_upload(const Call& call) {
   const Query query(call.request, {});
   check_version(call.request);
-  const UploadInfo upload = call.service.upload(call.id());
+  const UploadInfo upload = call.service.partial_uploads().find(call.id());
   Response response = json_response(call, upload_document(upload));
   response.set("Upload-Length", std::to_string(upload.length));
   tell(response, upload);
@@ -166,7 +167,7 @@ Response patch_upload(const Call& call) {
 Response delete_upload(const Call& call) {
   const Query query(call.request, {});
   check_version(call.request);
-  call.service.delete_upload(call.id());
+  call.service.partial_uploads().remove(call.id());
   Response response{.status = 204};
   response.set("Tus-Resumable", std::string(kVersion));
   return response;

@@ -3,29 +3,29 @@
 
 #include "api/handlers/handlers.h"
 #include "api/json/documents.h"
+#include "api/json/records.h"
 #include "api/requests.h"
 
 namespace spherule::api {
 
-Response list_volumes(const Call& call) { return listed(call, "/v1/volumes", &Service::volumes, volume_list_document); }
-
 namespace {
 
 // A volume of files that were uploaded in pieces.
-StoredVolume store_uploads(const Call& call, const std::vector<std::string>& ids, const VolumeParameters& parameters) {
+Stored<VolumeInfo> store_uploads(const Call& call, const std::vector<std::string>& ids,
+                                 const VolumeParameters& parameters) {
   if (call.request.body != nullptr && call.request.body->present()) {
     throw Error(ErrorCode::invalid_argument, "Send no body beside ?upload=: the bytes are here already.");
   }
   std::uint64_t bytes = 0;
-  for (const std::string& id : ids) bytes += call.service.upload(id).length;
+  for (const std::string& id : ids) bytes += call.service.partial_uploads().find(id).length;
   std::unique_ptr<Upload> upload = call.service.start_upload(bytes);
   for (const std::string& id : ids) {
-    upload->begin_file(call.service.upload(id).filename);
-    call.service.read_upload(id, [&](std::string_view piece) { upload->write(piece); });
+    upload->begin_file(call.service.partial_uploads().find(id).filename);
+    call.service.partial_uploads().read(id, [&](std::string_view piece) { upload->write(piece); });
   }
-  StoredVolume stored = call.service.store_volume(std::move(upload), parameters, call.request.gone);
+  Stored<VolumeInfo> stored = call.service.store_volume(std::move(upload), parameters, call.request.gone);
   // What could not be read stays, to be tried with other parameters.
-  for (const std::string& id : ids) call.service.delete_upload(id);
+  for (const std::string& id : ids) call.service.partial_uploads().remove(id);
   return stored;
 }
 
@@ -33,10 +33,8 @@ StoredVolume store_uploads(const Call& call, const std::vector<std::string>& ids
 
 Response post_volume(const Call& call) {
   const VolumeParameters parameters = volume_parameters(call.request);
-  const auto answer = [&](const StoredVolume& stored) {
-    Response response = json_response(call, stored_volume_document(stored), stored.already_stored ? 200 : 201);
-    response.set("Location", "/v1/volumes/" + stored.volume.id);
-    return response;
+  const auto answer = [&](const Stored<VolumeInfo>& volume) {
+    return stored(call, stored_volume_document(volume), volume.already_stored, "/v1/volumes/" + volume.thing.id);
   };
   if (const std::vector<std::string> ids = upload_ids(call.request); !ids.empty()) {
     return answer(store_uploads(call, ids, parameters));
@@ -66,22 +64,11 @@ Response post_volume(const Call& call) {
   return answer(call.service.store_volume(std::move(upload), parameters, call.request.gone));
 }
 
-Response get_volume(const Call& call) {
-  const Query query(call.request, {});
-  return json_response(call, volume_document(call.service.volume(call.id())));
-}
-
-Response delete_volume(const Call& call) {
-  const Query query(call.request, {});
-  call.service.delete_volume(call.id());
-  return {.status = 204};
-}
-
 Response get_volume_content(const Call& call) {
   const Query query(call.request, {"file"});
   const auto index = static_cast<std::size_t>(query.integer("file", ranges::index).value_or(0));
   // As what it is would be a guess, and a page of somebody else's making must never run as ours.
-  return content_response(call, call.service.volume_content(call.id(), index), "application/octet-stream",
+  return content_response(call, call.service.content(call.id(), index), "application/octet-stream",
                           call.id() + "-" + std::to_string(index));
 }
 
@@ -96,7 +83,7 @@ Response get_volume_histogram(const Call& call) {
     throw Error(ErrorCode::invalid_argument, "Correct the parameters listed under errors.",
                 {{kind ? "plot" : "mark", "This is for a plot: format=png or svg."}});
   }
-  const VolumeInfo volume = call.service.volume(call.id());
+  const VolumeInfo volume = call.service.find<VolumeInfo>(call.id());
   // A plot of few whole numbers has a bar for each: else some bars would hold two of them, or none.
   const double values = (volume.range.max - volume.range.min) / std::abs(volume.slope) + 1;
   const bool whole = volume.type < VoxelType::float32 && values <= 512 && format != FigureFormat::json;
@@ -108,14 +95,12 @@ Response get_volume_histogram(const Call& call) {
     if (mark) drawn.marks.push_back({mark->front()});
     return drawn;
   };
-  const Wait wait = agreed_wait(call, true);
-  const auto outcome = call.service.value_histogram(call.id(), buckets, wait.granted);
-  const auto* counts = std::get_if<std::vector<std::uint64_t>>(&outcome);
-  Response response = counts == nullptr              ? accepted(std::get<JobInfo>(outcome))
-                      : format == FigureFormat::json ? json_response(call, value_histogram_document(volume, *counts))
-                                                     : plotted(plot(*counts), format, size);
-  wait.state(response, outcome);
-  return response;
+  const DerivedRequest request{.source = call.id(), .what = ValuesRequest{buckets}};
+  return worked(call, request, agreed_wait(call, true), [&](const Made& made) {
+    const std::vector<std::uint64_t> counts = counts_from(text_of(std::get<Content>(made)));
+    return format == FigureFormat::json ? json_response(call, value_histogram_document(volume, counts))
+                                        : plotted(plot(counts), format, size);
+  });
 }
 
 }  // namespace spherule::api

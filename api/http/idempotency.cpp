@@ -110,7 +110,7 @@ Response answer_once(Service& service, const Request& request, const std::functi
   } none;
   WatchedBody body(request.body != nullptr ? *request.body : none, fingerprint);
 
-  if (const std::optional<std::string> kept = service.recall_reply(key)) {
+  if (const std::optional<std::string> kept = service.replies().recall(key)) {
     const Json reply = Json::parse(*kept);
     body.read_through(limit, request.header("Content-Type"));
     if (reply.at("fingerprint") != fingerprint.text()) {
@@ -124,7 +124,7 @@ Response answer_once(Service& service, const Request& request, const std::functi
     const std::string& key;
     bool kept = false;
     ~Reservation() {
-      if (!kept) service.release_reply(key);
+      if (!kept) service.replies().release(key);
     }
   } reservation{service, key};
   Request watched = request;
@@ -132,7 +132,7 @@ Response answer_once(Service& service, const Request& request, const std::functi
   Response response = answer(watched);
   if (response.status < 300 && std::holds_alternative<std::string>(response.body)) {
     body.read_through(limit, request.header("Content-Type"));
-    service.keep_reply(key, document(response, fingerprint.text()).dump());
+    service.replies().keep(key, document(response, fingerprint.text()).dump());
     reservation.kept = true;
   }
   return response;

@@ -8,15 +8,15 @@
 #include <nlohmann/json.hpp>
 
 #include "api/http/problem.h"
-#include "api/json/label_json.h"
+#include "api/json/parts.h"
 #include "api/json/stored_json.h"
-#include "api/requests.h"
+#include "api/json/work.h"
 
 namespace spherule::api {
 
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Json = json_parts::Ordered;
 
 constexpr const char* kFrame = "LPS";
 
@@ -58,7 +58,7 @@ std::string stored_text(const Json& json) {
   return text(json);
 }
 
-Json triple(Vec3 v) { return Json::array({v.x, v.y, v.z}); }
+Json triple(Vec3 v) { return json_parts::triple<Json>(v); }
 Json matrix(const Mat3& m) { return Json::array({triple(m.rows[0]), triple(m.rows[1]), triple(m.rows[2])}); }
 
 // Row-major, mapping (i, j, k, 1) to (x, y, z, 1).
@@ -73,7 +73,6 @@ Json index_to_lps(const Grid& grid) {
 }
 
 const char* side_name(Side side) { return side == Side::above ? "above" : "below"; }
-const char* border_name(Border border) { return border == Border::closed ? "closed" : "open"; }
 
 Json parameters_json(const VolumeParameters& parameters) {
   Json json = Json::object();
@@ -116,18 +115,6 @@ Json volume_json(const VolumeInfo& volume) {
        {{"self", self}, {"content", self + "/content"}, {"histogram", self + "/histogram"}, {"models", "/v1/models"}}}};
   for (const Vec3& row : volume.grid.direction.rows) json["direction"].push_back(triple(row));
   if (volume.files.size() == 1) json["sha256"] = volume.files.front().sha256;
-  return json;
-}
-
-Json rule_json(const ObjectRule& rule) {
-  Json json = Json::object();
-  switch (rule.kind) {
-    case ObjectRule::Kind::threshold: json["threshold"] = rule.lo; break;
-    case ObjectRule::Kind::range: json["range"] = {rule.lo, rule.hi}; break;
-    case ObjectRule::Kind::labels: json["labels"] = labels_json(rule.labels); break;
-  }
-  json["inside"] = side_name(rule.side);
-  json["border"] = border_name(rule.border);
   return json;
 }
 
@@ -203,7 +190,7 @@ Json model_json(const ModelInfo& model) {
   }
   if (model.source) {
     json["source"] = {{"volume", model.source->volume}};
-    json["parameters"] = rule_json(model.source->rule);
+    json["parameters"] = json_parts::rule<Json>(model.source->rule);
     counts["boundary_points"] = model.boundary_points;
     counts["tetrahedra"] = model.tetrahedra;
     counts["inside_tetrahedra"] = model.inside_tetrahedra;
@@ -372,23 +359,37 @@ Json job_json(const JobInfo& job) {
             {"remaining_s", job.remaining_s ? Json(*job.remaining_s) : Json(nullptr)},
             {"warnings", job.warnings}};
   if (job.state == JobState::failed) {
-    json["error"] =
-        Json::parse(job.error ? problem_document(*job.error, {}) : std::get<std::string>(problem(500, {}).body));
+    const bool told = job.error && job.error->code;
+    json["error"] = Json::parse(told ? problem_document(Error(*job.error->code, job.error->sentence), {})
+                                     : std::get<std::string>(problem(500, {}).body));
   }
   Json links{{"self", self}, {"events", self + "/events"}};
   if (!is_over(job.state)) links["cancel"] = self + "/cancel";
-  if (!job.result.empty()) links["result"] = job.result;
+  if (job.state == JobState::succeeded && job.request) links["result"] = path_of(*job.request, job.result_id);
   json["links"] = std::move(links);
   return json;
 }
 
+// As an item of a list.
+struct Item {
+  Json operator()(const VolumeInfo& volume) const { return volume_json(volume); }
+  Json operator()(const ModelInfo& model) const { return model_json(model); }
+  Json operator()(const RegistrationInfo& info) const {
+    Json item = Json::parse(info.document);
+    for (const char* heavy : {"other_poses", "spheres", "pairs"}) item.erase(heavy);
+    return item;
+  }
+};
+
 template <typename T, typename F>
-std::string list_document(const char* what, const Page<T>& page, F&& item) {
+Json list_json(std::string_view what, const Page<T>& page, F&& item) {
   Json items = Json::array();
   for (const T& x : page.items) items.push_back(item(x));
-  Json json{{what, std::move(items)}, {"next_cursor", page.next.empty() ? Json(nullptr) : Json(page.next)}};
+  Json json;
+  json[std::string(what)] = std::move(items);
+  json["next_cursor"] = page.next.empty() ? Json(nullptr) : Json(page.next);
   if (!page.damaged.empty()) json["damaged"] = page.damaged;
-  return text(json);
+  return json;
 }
 
 }  // namespace
@@ -399,7 +400,14 @@ std::uint64_t VolumeInfo::bytes() const {
   return sum;
 }
 
-std::string volume_document(const VolumeInfo& volume) { return text(volume_json(volume)); }
+std::string document_of(const Thing& thing) {
+  struct Visitor {
+    std::string operator()(const VolumeInfo& volume) const { return text(volume_json(volume)); }
+    std::string operator()(const ModelInfo& model) const { return text(model_json(model)); }
+    std::string operator()(const RegistrationInfo& info) const { return info.document; }
+  };
+  return std::visit(Visitor{}, thing);
+}
 
 std::string upload_document(const UploadInfo& upload) {
   const std::string self = "/v1/uploads/" + upload.id;
@@ -413,17 +421,20 @@ std::string upload_document(const UploadInfo& upload) {
   return text(json);
 }
 
-std::string stored_volume_document(const StoredVolume& stored) {
-  Json json = volume_json(stored.volume);
+std::string stored_volume_document(const Stored<VolumeInfo>& stored) {
+  Json json = volume_json(stored.thing);
   json["already_stored"] = stored.already_stored;
   return text(json);
 }
 
-std::string model_document(const ModelInfo& model) { return text(model_json(model)); }
 std::string job_document(const JobInfo& job) { return text(job_json(job)); }
-std::string volume_list_document(const Page<VolumeInfo>& page) { return list_document("volumes", page, volume_json); }
-std::string model_list_document(const Page<ModelInfo>& page) { return list_document("models", page, model_json); }
-std::string job_list_document(const Page<JobInfo>& page) { return list_document("jobs", page, job_json); }
+std::string job_list_document(const Page<JobInfo>& page) { return text(list_json("jobs", page, job_json)); }
+
+std::string list_document(Collection collection, const Page<Thing>& page) {
+  const Json json = list_json(name(collection), page, [](const Thing& thing) { return std::visit(Item{}, thing); });
+  // Registrations are long, and compact by themselves.
+  return collection == Collection::registrations ? json.dump() + "\n" : text(json);
+}
 
 std::string sphere_page_document(const std::string& model, const SpherePage& page, std::uint64_t offset) {
   Json columns{"x", "y", "z", "r"};
@@ -577,30 +588,32 @@ void append_rows(std::string& out, std::string_view name, const Range& range, Ro
 
 }  // namespace
 
-std::string slice_document(const SliceRequest& request, const Grid& slice, const PlaneModel* model) {
+std::string slice_document(const std::string& volume, const SliceRequest& request, const Grid& slice,
+                           const PlaneModel* model) {
   const SlicePlane plane = plane_of(slice);
   const std::array<std::string, 2> axes{request.axis == 0 ? "j" : "i", request.axis == 2 ? "j" : "k"};
   const std::size_t across = plane.across == 0 ? 0 : 1;
   const std::array<Vec3, 2> steps{slice.spacing.x * slice.direction.column(0),
                                   slice.spacing.y * slice.direction.column(1)};
-  Json json{
-      {"volume", request.volume},
-      {"axis", std::string(1, "ijk"[request.axis])},
-      {"index", request.index},
-      {"plane", plane.name},
-      {"origin", triple(slice.origin)},
-      {"axes",
-       {{{"axis", axes[0]}, {"samples", slice.dims[0]}, {"step", triple(steps[0])}},
-        {{"axis", axes[1]}, {"samples", slice.dims[1]}, {"step", triple(steps[1])}}}},
-      {"picture",
-       {{"across", axes[across]},
-        {"left", plane.left},
-        {"right", plane.right},
-        {"top", plane.top},
-        {"bottom", plane.bottom}}},
-      {"links", {{"self", path_of({.model = {}, .what = request})}, {"volume", "/v1/volumes/" + request.volume}}}};
+  Json json{{"volume", volume},
+            {"axis", std::string(1, "ijk"[request.axis])},
+            {"index", request.index},
+            {"plane", plane.name},
+            {"origin", triple(slice.origin)},
+            {"axes",
+             {{{"axis", axes[0]}, {"samples", slice.dims[0]}, {"step", triple(steps[0])}},
+              {{"axis", axes[1]}, {"samples", slice.dims[1]}, {"step", triple(steps[1])}}}},
+            {"picture",
+             {{"across", axes[across]},
+              {"left", plane.left},
+              {"right", plane.right},
+              {"top", plane.top},
+              {"bottom", plane.bottom}}},
+            {"links",
+             {{"self", path_of(DerivedRequest{.source = volume, .what = request}, {})},
+              {"volume", "/v1/volumes/" + volume}}}};
   if (model == nullptr) return stored_text(json);
-  json["object"] = rule_json(*request.object);
+  json["object"] = json_parts::rule<Json>(*request.object);
   json["inside_samples"] = model->inside_samples;
   json["area_mm2"] = model->area_mm2;
   json["inside_triangles"] = model->inside_count;
@@ -670,51 +683,11 @@ std::string iso_time(Time time) {
   return second.data() + fraction.substr(1) + "Z";
 }
 
-std::string path_of(const DerivedRequest& request) {
-  if (const auto* slice = std::get_if<SliceRequest>(&request.what)) {
-    return "/v1/volumes/" + slice->volume + "/slices/" + "ijk"[slice->axis] + "/" + std::to_string(slice->index) +
-           query_of(*slice);
-  }
-  if (const auto* values = std::get_if<ValuesRequest>(&request.what)) {
-    return "/v1/volumes/" + values->volume + "/histogram?buckets=" + std::to_string(values->buckets);
-  }
-  std::string path = "/v1/models/" + request.model;
-  struct Visitor {
-    std::string operator()(const MeasuresRequest&) const { return "/measures"; }
-    std::string operator()(const ChecksRequest&) const { return "/checks"; }
-    std::string operator()(const RenderRequest& r) const { return "/render" + query_of(r); }
-    std::string operator()(const ExportRequest& e) const {
-      std::string path = "/exports/" + std::string(name(e.format));
-      char before = '?';
-      for (const SphereFigure figure : e.listing.columns) {
-        path += (before == '?' ? "?columns=" : ",") + std::string(name(figure));
-        before = '&';
-      }
-      if (e.listing.order != SphereOrder::index) {
-        path += before + ("order=" + std::string(name(e.listing.order)));
-        before = '&';
-      }
-      if (e.listing.rows != SphereRows::spheres) path += before + ("rows=" + std::string(name(e.listing.rows)));
-      return path;
-    }
-    std::string operator()(const FileRequest& f) const {
-      return "/exports/" + std::string(info(f.format).name) + query_of(f);
-    }
-    std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
-    // Not of a model.
-    std::string operator()(const SliceRequest&) const { return {}; }
-    std::string operator()(const ValuesRequest&) const { return {}; }
-    std::string operator()(const TreeRequest& t) const {
-      std::string path = "/tree";
-      for (std::size_t i = 0; i < t.levels.size(); ++i) {
-        path += (i == 0 ? "?levels=" : ",") + std::to_string(t.levels[i]);
-      }
-      return path;
-    }
-  };
-  path += std::visit(Visitor{}, request.what);
-  if (request.level > 0) path += (path.find('?') == path.npos ? "?level=" : "&level=") + std::to_string(request.level);
-  return path;
+std::string_view name(Applied what) { return what == Applied::volume ? "volume" : "model"; }
+
+std::string_view name(Collection collection) {
+  constexpr std::array<std::string_view, 3> names = {"volumes", "models", "registrations"};
+  return names[static_cast<std::size_t>(collection)];
 }
 
 }  // namespace spherule::api

@@ -4,27 +4,18 @@
 #include <nlohmann/json.hpp>
 
 #include "api/json/documents.h"
+#include "api/json/parts.h"
 #include "api/json/stored_json.h"
-#include "api/requests.h"
-#include "core/render/options.h"
+#include "api/json/work.h"
 
 namespace spherule::api {
 
 namespace {
 
-using Json = nlohmann::json;  // members ascend: canonical
-using Ordered = nlohmann::ordered_json;
+using json_parts::Json;
+using json_parts::Ordered;
 
-constexpr int kAnswerEdition = 5;
-
-std::string_view name(TransformKind kind) {
-  return kind == TransformKind::rigid ? "rigid" : kind == TransformKind::similarity ? "similarity" : "affine";
-}
-std::string_view name(RegistrationMethod method) {
-  return method == RegistrationMethod::global ? "global" : "matching";
-}
-
-Ordered triple(Vec3 v) { return {v.x, v.y, v.z}; }
+Ordered triple(Vec3 v) { return json_parts::triple<Ordered>(v); }
 Ordered matrix(const AffineMap& m) {
   Ordered rows = Ordered::array();
   for (int r = 0; r < 3; ++r) {
@@ -56,42 +47,6 @@ Ordered overlap_json(const UnionOverlap& overlap) {
   return {{"dice", overlap.dice}, {"iou", overlap.iou}, {"method", overlap.exact ? "exact" : "samples"}};
 }
 
-// A template for the two orders of members: what users see, and canonical text.
-template <typename AnyJson>
-AnyJson parameters(const RegistrationRequest& request) {
-  const RegistrationOptions& o = request.options;
-  return {{"fixed", request.fixed},
-          {"moving", request.moving},
-          {"transform", name(o.transform)},
-          {"method", name(o.method)},
-          {"k", o.k},
-          {"inits", o.inits},
-          {"scale_bounds", {o.min_scale, o.max_scale}},
-          {"weights",
-           {{"position", o.weights.position},
-            {"size", o.weights.size},
-            {"shape", o.weights.shape},
-            {"alone", o.weights.alone}}},
-          {"refine", o.refine},
-          {"seed", o.seed}};
-}
-
-Json to_json(const RegistrationRequest& request) {
-  return {{"edition", registration_edition}, {"parameters", parameters<Json>(request)}};
-}
-
-Json to_json(const RegistrationAnswerRequest& request) {
-  Json json{{"registration", request.registration}, {"edition", kAnswerEdition}};
-  if (const auto* picture = std::get_if<BeforeAfterRequest>(&request.what)) {
-    json["what"] = "render";
-    json["few"] = picture->few;
-    for (const auto& [option, text] : render_option_texts(picture->options)) json["options"][option] = text;
-  } else {
-    json["what"] = name(std::get<Applied>(request.what));
-  }
-  return json;
-}
-
 }  // namespace
 
 std::string registration_document(const std::string& id, Time created, const std::string& algorithm_version,
@@ -113,7 +68,7 @@ std::string registration_document(const std::string& id, Time created, const std
       {"id", id},
       {"created", iso_time(created)},
       {"algorithm_version", algorithm_version},
-      {"parameters", parameters<Ordered>(request)},
+      {"parameters", json_parts::parameters<Ordered>(request)},
       {"frame", "LPS"},
       {"unit", "mm"},
       {"moving_to_fixed", matrix(map)},
@@ -166,75 +121,8 @@ RegistrationInfo registration_from(std::string_view document, std::string_view r
                             .moving_spheres = spheres_from(json.at("spheres").at("moving")),
                             .document = std::string(document)};
   });
-  info.request = registration_request_from(request_record);
+  info.request = std::get<RegistrationRequest>(work_from("registration", request_record));
   return info;
-}
-
-std::string registration_list_document(const Page<RegistrationInfo>& page) {
-  Ordered items = Ordered::array();
-  for (const RegistrationInfo& info : page.items) {
-    Ordered item = Ordered::parse(info.document);
-    for (const char* heavy : {"other_poses", "spheres", "pairs"}) item.erase(heavy);
-    items.push_back(std::move(item));
-  }
-  Ordered json;
-  json["registrations"] = std::move(items);
-  json["next_cursor"] = page.next.empty() ? Ordered(nullptr) : Ordered(page.next);
-  if (!page.damaged.empty()) json["damaged"] = page.damaged;
-  return json.dump() + "\n";
-}
-
-std::string record_of(const RegistrationRequest& request) { return to_json(request).dump(); }
-
-RegistrationRequest registration_request_from(std::string_view record) {
-  return read_stored(record, [](const Json& json) {
-    const Json& p = json.at("parameters");
-    const Json& w = p.at("weights");
-    RegistrationRequest request{.fixed = p.at("fixed"), .moving = p.at("moving")};
-    for (const TransformKind kind : {TransformKind::rigid, TransformKind::similarity, TransformKind::affine})
-      if (p.at("transform") == name(kind)) request.options.transform = kind;
-    for (const RegistrationMethod method : {RegistrationMethod::global, RegistrationMethod::matching})
-      if (p.at("method") == name(method)) request.options.method = method;
-    request.options.k = p.at("k");
-    request.options.inits = p.at("inits");
-    request.options.min_scale = p.at("scale_bounds").at(0);
-    request.options.max_scale = p.at("scale_bounds").at(1);
-    request.options.weights = {w.at("position"), w.at("size"), w.at("shape"), w.at("alone")};
-    request.options.refine = p.at("refine");
-    request.options.seed = p.at("seed");
-    return request;
-  });
-}
-
-std::string record_of(const RegistrationAnswerRequest& request) { return to_json(request).dump(); }
-
-RegistrationAnswerRequest registration_answer_from(std::string_view record) {
-  return read_stored(record, [](const Json& json) {
-    RegistrationAnswerRequest request{.registration = json.at("registration"), .what = Applied::volume};
-    if (json.at("what") == "model") request.what = Applied::model;
-    if (json.at("what") == "render") {
-      OptionTexts texts;
-      for (const auto& [option, text] : json.at("options").items()) texts.emplace_back(option, text.get<std::string>());
-      request.what = BeforeAfterRequest{.options = parse_render_options(texts), .few = json.at("few")};
-    }
-    return request;
-  });
-}
-
-std::string identity_of(const RegistrationRequest& request, const std::string& algorithm_version) {
-  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
-}
-std::string identity_of(const RegistrationAnswerRequest& request, const std::string& algorithm_version) {
-  return Json{{"algorithm_version", algorithm_version}, {"request", to_json(request)}}.dump();
-}
-
-std::string_view name(Applied what) { return what == Applied::volume ? "volume" : "model"; }
-
-std::string path_of(const RegistrationAnswerRequest& request) {
-  const std::string path = "/v1/registrations/" + request.registration;
-  if (const auto* picture = std::get_if<BeforeAfterRequest>(&request.what))
-    return path + "/render" + query_of(*picture);
-  return path + "/apply?what=" + std::string(name(std::get<Applied>(request.what)));
 }
 
 }  // namespace spherule::api

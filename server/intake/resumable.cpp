@@ -207,11 +207,11 @@ api::UploadInfo ResumableUploads::find(const std::string& id) const {
           .length = about->length,
           .offset = size,
           .created = about->begun,
-          .expires = system_clock::now() + left};
+          .expires = now() + left};
 }
 
 api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t offset,
-                                         const std::function<void(const Take&)>& feed) {
+                                         const std::function<void(const TakeBytes&)>& feed) {
   find(id);
   const Busy busy(*this, id);
   const api::UploadInfo upload = find(id);
@@ -247,7 +247,7 @@ api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t of
   return find(id);
 }
 
-void ResumableUploads::read(const std::string& id, const Take& take) const {
+void ResumableUploads::read(const std::string& id, const TakeBytes& take) const {
   const api::UploadInfo upload = find(id);
   if (upload.offset != upload.length) {
     throw Error(ErrorCode::conflict, "The upload lacks " + std::to_string(upload.length - upload.offset) +

@@ -24,7 +24,7 @@ namespace spherule::server {
 
 /// Thread safe. Every function throws not_found for an id that is unknown or expired, and all but remove() corrupt for
 /// an upload whose record is damaged: the next sweep sets that aside.
-class ResumableUploads {
+class ResumableUploads final : public api::PartialUploads {
  public:
   /// Makes the folder if needed. An upload expires when nothing was added to it for `keep`. At most `limit` bytes each,
   /// and `most` at once.
@@ -36,20 +36,20 @@ class ResumableUploads {
   void check_room(std::uint64_t bytes) const;
 
   /// Durable when it returns. Throws too_large over the limit, busy when there are too many, what check_room() throws.
-  api::UploadInfo create(std::uint64_t length, std::string_view filename);
-  api::UploadInfo find(const std::string& id) const;
+  api::UploadInfo create(std::uint64_t length, std::string_view filename) override;
+  api::UploadInfo find(const std::string& id) const override;
 
-  using Take = std::function<void(std::string_view piece)>;
   /// Appends what `feed` hands on. All that has arrived is kept, durable, also when `feed` throws (which comes out
   /// here). Throws conflict when `offset` is not the upload's or another append is under way, too_large for more bytes
   /// than were announced.
-  api::UploadInfo append(const std::string& id, std::uint64_t offset, const std::function<void(const Take&)>& feed);
+  api::UploadInfo append(const std::string& id, std::uint64_t offset,
+                         const std::function<void(const TakeBytes&)>& feed) override;
 
   /// Hands on all bytes of an upload, in order. Throws conflict while some are missing.
-  void read(const std::string& id, const Take& take) const;
+  void read(const std::string& id, const TakeBytes& take) const override;
 
   /// Throws conflict while something is being appended.
-  void remove(const std::string& id);
+  void remove(const std::string& id) override;
 
  private:
   class Busy;

@@ -18,6 +18,7 @@
 #include <thread>
 #include <utility>
 
+#include "api/json/work.h"
 #include "core/base/check.h"
 #include "server/base/disk.h"
 #include "server/records/sqlite.h"
@@ -187,12 +188,22 @@ constexpr std::string_view job_columns =
     "seq, id, kind, result_id, request, state, stage, progress, attempts, crashes, created, started, finished,"
     " error_code, error_sentence, client, memory";
 
+// Nothing for one that cannot be read: the job can be told of all the same.
+std::optional<api::WorkRequest> request_in(const std::string& kind, const std::string& record) {
+  try {
+    return api::work_from(kind, record);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::corrupt) throw;
+    return std::nullopt;
+  }
+}
+
 JobRecord read_job(Connection& database, const Statement& row) {
   JobRecord job;
   job.id = row.text(1);
   job.kind = row.text(2);
   job.result_id = row.text(3);
-  job.request = row.text(4);
+  job.request = request_in(job.kind, row.text(4));
   job.state = value_of(state_names, row.text(5));
   job.stage = row.text(6);
   job.progress = row.real(7);
@@ -223,8 +234,8 @@ void write_job(Connection& database, const JobRecord& job, Time served) {
   Statement(database,
             "UPDATE jobs SET state = ?, stage = ?, progress = ?, attempts = ?, crashes = ?, started = ?, finished = ?,"
             " error_code = ?, error_sentence = ?, memory = ?, ended = coalesce(ended, ?) WHERE id = ?",
-            to_string(job.state), job.stage, job.progress, job.attempts, job.crashes, job.started, job.finished, code,
-            sentence, job.memory_bytes, job.finished ? std::optional(served) : std::nullopt, job.id)
+            name_of(state_names, job.state), job.stage, job.progress, job.attempts, job.crashes, job.started,
+            job.finished, code, sentence, job.memory_bytes, job.finished ? std::optional(served) : std::nullopt, job.id)
       .step();
   SPHERULE_CHECK(database.changes() == 1);
   // Rewritten whole: at most as many as clients and 100, a few times in a job's life.
@@ -244,7 +255,8 @@ void insert_job(Connection& database, const JobRecord& job, Time served) {
       database,
       "INSERT INTO jobs (id, kind, result_id, request, client, created, state, stage, progress, attempts, crashes)"
       " VALUES (?, ?, ?, ?, ?, ?, '', '', 0, 0, 0)",
-      job.id, job.kind, job.result_id, job.request, job.client, job.created)
+      job.id, job.kind, job.result_id, job.request ? api::record_of(*job.request) : std::string(), job.client,
+      job.created)
       .step();
   write_job(database, job, served);
 }
@@ -354,8 +366,6 @@ Stand read_stand(Connection& database, Time wall) {
 }
 
 }  // namespace
-
-std::string_view to_string(JobState state) { return name_of(state_names, state); }
 
 // A write waits for the disk, reads do not wait for writes: they have connections of their own (WAL). What a write has
 // committed, the next read sees.

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // What the server knows, in one SQLite file (the only user of SQL). Two kinds of rows: resources, which are immutable
-// and content-addressed (volumes, models, answers derived from them), and jobs. Documents and requests are opaque
-// text here. A function that changes something has made it durable when it returns.
+// and content-addressed (volumes, models, answers derived from them), and jobs. Documents of resources are opaque text
+// here; the requests of jobs are written and read as their records (api/json/work.h). A function that changes something
+// has made it durable when it returns.
 #pragma once
 
 #include <chrono>
@@ -16,6 +17,8 @@
 #include <string_view>
 #include <vector>
 
+#include "api/jobs.h"
+#include "api/things.h"
 #include "core/base/error.h"
 #include "server/base/clock.h"
 #include "server/bytes/blob_store.h"
@@ -36,48 +39,18 @@ struct Resource {
   std::uint64_t bytes = 0;          ///< of all blobs together
 };
 
-enum class JobState { queued, running, succeeded, failed, cancelling, cancelled };
+using api::is_over;
+using api::JobError;
+using api::JobState;
+using api::Page;
 
-/// Over: the state will not change any more.
-constexpr bool is_over(JobState state) {
-  return state == JobState::succeeded || state == JobState::failed || state == JobState::cancelled;
-}
-
-/// "queued", "running", …
-std::string_view to_string(JobState state);
-
-struct JobError {
-  std::optional<ErrorCode> code;  ///< nothing: a fault of this program
-  std::string sentence;
-};
-
-/// What survives of a job.
-struct JobRecord {
-  std::string id;         ///< random_id("job")
-  std::string kind;       ///< "model", …
-  std::string result_id;  ///< id of the resource that it makes, known beforehand because ids are content addresses
-  std::string request;    ///< all that is needed to run it again
-  std::string client{};   ///< whose turn it takes: the name of a key
-  std::uint64_t memory_bytes = 0;  ///< estimate of what it needs at its peak
-  JobState state = JobState::queued;
-  std::string stage;                   ///< what it is doing, in the runner's words; kept when it ends
-  double progress = 0;                 ///< 0 to 1, never goes back while one process runs it; 1 when succeeded
+/// What survives of a job; of the moment it tells nothing.
+struct JobRecord : api::JobInfo {
+  std::string client{};                ///< whose turn it takes: the name of a key
+  std::uint64_t memory_bytes = 0;      ///< estimate of what it needs at its peak
   std::set<std::string> requesters{};  ///< clients that still want it
   unsigned attempts = 1;               ///< how many servers took it up: 1 + restarts while it was not over
   unsigned crashes = 0;                ///< how often the process died while it ran
-  Time created{};
-  std::optional<Time> started;   ///< of the last run
-  std::optional<Time> finished;  ///< set when over
-  std::vector<std::string> warnings;
-  std::optional<JobError> error;  ///< set when failed
-};
-
-/// One page of a list, newest first. Rows that are added meanwhile never shift the following pages.
-template <typename T>
-struct Page {
-  std::vector<T> items;
-  std::string next;                    ///< cursor of the next page; empty on the last one
-  std::vector<std::string> damaged{};  ///< ids of rows of this page that cannot be read
 };
 
 /// Thread safe: one connection that writes (WAL, synchronous=FULL, foreign keys) and a few that read, which never wait

@@ -6,8 +6,9 @@
 #include <system_error>
 #include <utility>
 
-#include "api/json/documents.h"
+#include "api/json/records.h"
 #include "api/json/registration_documents.h"
+#include "api/json/work.h"
 #include "core/pipeline.h"
 #include "core/read/read.h"
 #include "server/base/disk.h"
@@ -164,6 +165,11 @@ Resource Store::find(const std::string& id, const char* collection, const char* 
   return std::move(*resource);
 }
 
+api::RegistrationInfo Store::find_registration(const std::string& id) {
+  const Resource resource = find(id, registrations_collection, "registration");
+  return api::registration_from(resource.document, resource.request);
+}
+
 Resource Store::root_of(Resource model) {
   while (const auto simplification = api::model_from(model.document).simplification) {
     model = find_model(simplification->request.model);
@@ -277,8 +283,9 @@ Resource Store::keep(api::ModelInfo& info, const Simplification& simplified, Sto
 }
 
 std::string Store::contributions_id(const std::string& model, std::uint32_t level) {
-  return content_id("ans", api::identity_of({.model = model, .what = api::ContributionsRequest{}, .level = level},
-                                            algorithm_version_text()));
+  return content_id(
+      "ans", api::identity_of(api::DerivedRequest{.source = model, .what = api::ContributionsRequest{}, .level = level},
+                              algorithm_version_text()));
 }
 
 UnionMeasures Store::read_union_of(const Resource& answer, const SphereModel& model, const Context& context) const {
@@ -297,7 +304,8 @@ Resource Store::keep(const std::string& model, std::uint32_t level, const UnionM
   Resource answer;
   answer.id = contributions_id(model, level);
   answer.collection = answers_collection;
-  answer.request = api::record_of({.model = model, .what = api::ContributionsRequest{}, .level = level});
+  answer.request =
+      api::record_of(api::DerivedRequest{.source = model, .what = api::ContributionsRequest{}, .level = level});
   answer.inputs = {model};
   answer.bytes = staging->size();
   make_room_for_answer(answer.bytes);

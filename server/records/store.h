@@ -96,6 +96,7 @@ struct Store {
   Resource find(const std::string& id, const char* collection, const char* what);
   Resource find_volume(const std::string& id) { return find(id, volumes_collection, "volume"); }
   Resource find_model(const std::string& id) { return find(id, models_collection, "model"); }
+  api::RegistrationInfo find_registration(const std::string& id);
   /// The model that a chain of simplifications began with: `model` itself when it is none.
   Resource root_of(Resource model);
 

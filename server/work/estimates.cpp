@@ -6,9 +6,9 @@
 #include <variant>
 #include <vector>
 
-#include "api/json/documents.h"
+#include "api/json/records.h"
+#include "server/work/kinds.h"
 #include "server/work/memory.h"
-#include "server/work/registration_job.h"
 
 namespace spherule::server {
 
@@ -36,8 +36,45 @@ ModelSize size_of(Store& store, const Resource& model) {
 }
 ModelSize size_of(Store& store, const std::string& model) { return size_of(store, store.find_model(model)); }
 
-std::uint64_t to_write(Store& store, const api::DerivedRequest& request, const api::FileRequest& file) {
-  const Resource model = store.find_model(request.model);
+api::RegistrationInfo registration(Store& store, const api::DerivedRequest& request) {
+  return store.find_registration(request.source);
+}
+
+// Of what is derived: an overload a kind.
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::MeasuresRequest&) {
+  return memory_to_measure(size_of(store, request.source));
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::ChecksRequest&) {
+  return memory_to_check(size_of(store, request.source));
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::ContributionsRequest&) {
+  return memory_to_measure_parts(size_of(store, request.source));
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::TreeRequest&) {
+  return memory_to_show_tree(size_of(store, request.source));
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::RenderRequest& render) {
+  std::vector<ModelSize> sizes{size_of(store, request.source)};
+  if (!render.with.empty()) sizes.push_back(size_of(store, render.with));
+  return memory_to_draw(render.options, sizes);
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::ExportRequest& wanted) {
+  const Resource model = store.find_model(request.source);
+  std::optional<ModelSize> source;
+  const auto simplification = api::model_from(model.document).simplification;
+  if (simplification && wanted.listing.rows == api::SphereRows::members)
+    source = size_of(store, simplification->request.model);
+  return memory_to_list(wanted, size_of(store, model), source);
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::FileRequest& file) {
+  const Resource model = store.find_model(request.source);
   const api::ModelInfo info = api::model_from(model.document);
   const auto source = api::model_from(store.root_of(model).document).source;
   const std::uint64_t spheres = request.level > 0 ? request.level : info.spheres;
@@ -54,60 +91,50 @@ std::uint64_t to_write(Store& store, const api::DerivedRequest& request, const a
          memory_to_write(file, spheres, info.bounds, scan);
 }
 
-std::uint64_t to_list(Store& store, const Resource& model, const api::ExportRequest& wanted) {
-  std::optional<ModelSize> source;
-  const auto simplification = api::model_from(model.document).simplification;
-  if (simplification && wanted.listing.rows == api::SphereRows::members)
-    source = size_of(store, simplification->request.model);
-  return memory_to_list(wanted, size_of(store, model), source);
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::SliceRequest& slice) {
+  return memory_to_slice(slice, volume_info(store, request.source));
 }
 
-}  // namespace
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::ValuesRequest&) {
+  return memory_to_count_values(server::size_of(volume_info(store, request.source)));
+}
 
-std::uint64_t memory_for(Store& store, const api::ModelRequest& request) {
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::BeforeAfterRequest& picture) {
+  const api::RegistrationInfo info = registration(store, request);
+  const std::array both{size_of(store, info.request.fixed), size_of(store, info.request.moving)};
+  return memory_to_draw(picture.options, both);
+}
+
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request, const api::AppliedRequest& applied) {
+  const api::RegistrationInfo info = registration(store, request);
+  static_cast<void>(volume_of(store, info.request.fixed));
+  if (applied.what == api::Applied::volume) static_cast<void>(volume_of(store, info.request.moving));
+  return memory_to_apply(applied.what, size_of(store, info.request.fixed), size_of(store, info.request.moving));
+}
+
+// Of each kind of request.
+
+std::uint64_t memory_of(Store& store, const api::ModelRequest& request) {
   return memory_to_count(server::size_of(volume_info(store, request.volume)));
 }
 
-std::uint64_t memory_for(Store& store, const api::SimplificationRequest& request) {
+std::uint64_t memory_of(Store& store, const api::SimplificationRequest& request) {
   const Resource model = store.find_model(request.model);
   return memory_to_simplify(request.method, size_of(store, model), size_of(store, store.root_of(model)));
 }
 
-std::uint64_t memory_for(Store& store, const api::DerivedRequest& request) {
-  if (const auto* slice = std::get_if<api::SliceRequest>(&request.what))
-    return memory_to_slice(*slice, volume_info(store, slice->volume));
-  if (const auto* values = std::get_if<api::ValuesRequest>(&request.what))
-    return memory_to_count_values(server::size_of(volume_info(store, values->volume)));
-  if (const auto* file = std::get_if<api::FileRequest>(&request.what)) return to_write(store, request, *file);
-  const Resource model = store.find_model(request.model);
-  if (const auto* wanted = std::get_if<api::ExportRequest>(&request.what)) return to_list(store, model, *wanted);
-  const ModelSize size = size_of(store, model);
-  if (const auto* render = std::get_if<api::RenderRequest>(&request.what)) {
-    std::vector<ModelSize> sizes{size};
-    if (!render->with.empty()) sizes.push_back(size_of(store, render->with));
-    return memory_to_draw(render->options, sizes);
-  }
-  if (std::holds_alternative<api::ChecksRequest>(request.what)) return memory_to_check(size);
-  if (std::holds_alternative<api::ContributionsRequest>(request.what)) return memory_to_measure_parts(size);
-  if (std::holds_alternative<api::TreeRequest>(request.what)) return memory_to_show_tree(size);
-  return memory_to_measure(size);
-}
-
-std::uint64_t memory_for(Store& store, const api::RegistrationRequest& request) {
+std::uint64_t memory_of(Store& store, const api::RegistrationRequest& request) {
   return memory_to_register(size_of(store, request.fixed), size_of(store, request.moving));
 }
 
-std::uint64_t memory_for(Store& store, const api::RegistrationAnswerRequest& request) {
-  const api::RegistrationInfo info =
-      registration_info(store.find(request.registration, registrations_collection, "registration"));
-  const ModelSize fixed = size_of(store, info.request.fixed), moving = size_of(store, info.request.moving);
-  if (const auto* what = std::get_if<api::Applied>(&request.what)) {
-    static_cast<void>(volume_of(store, info.request.fixed));
-    if (*what == api::Applied::volume) static_cast<void>(volume_of(store, info.request.moving));
-    return memory_to_apply(*what, fixed, moving);
-  }
-  const std::array both{fixed, moving};
-  return memory_to_draw(std::get<api::BeforeAfterRequest>(request.what).options, both);
+std::uint64_t memory_of(Store& store, const api::DerivedRequest& request) {
+  return std::visit([&](const auto& what) { return memory_of(store, request, what); }, request.what);
+}
+
+}  // namespace
+
+std::uint64_t memory_for(Store& store, const api::WorkRequest& request) {
+  return std::visit([&](const auto& wanted) { return memory_of(store, wanted); }, request);
 }
 
 }  // namespace spherule::server

@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-#include "api/service.h"
+#include "api/work.h"
 #include "server/records/store.h"
 
 namespace spherule::server {
@@ -13,10 +13,6 @@ namespace spherule::server {
 /// Memory that the job for this request needs at its peak, bytes; of a model only until its boundary points are known.
 /// Throws not_found without what the request names, unusable where models have no volume to apply a registration to,
 /// and what check_exportable() throws.
-std::uint64_t memory_for(Store& store, const api::ModelRequest& request);
-std::uint64_t memory_for(Store& store, const api::SimplificationRequest& request);
-std::uint64_t memory_for(Store& store, const api::DerivedRequest& request);
-std::uint64_t memory_for(Store& store, const api::RegistrationRequest& request);
-std::uint64_t memory_for(Store& store, const api::RegistrationAnswerRequest& request);
+std::uint64_t memory_for(Store& store, const api::WorkRequest& request);
 
 }  // namespace spherule::server

@@ -89,12 +89,9 @@ struct Budget {
 constexpr std::uint64_t kSmallPart = 64, kSmallTogetherPart = 16;
 
 /// Of a job that is not in memory.
-JobStatus status_of(JobRecord record) {
-  JobStatus status;
-  status.record = std::move(record);
-  if (status.record.started && status.record.finished)
-    status.elapsed_s = std::max(0.0, seconds(*status.record.finished - *status.record.started));
-  return status;
+JobRecord status_of(JobRecord record) {
+  if (record.started && record.finished) record.elapsed_s = std::max(0.0, seconds(*record.finished - *record.started));
+  return record;
 }
 
 }  // namespace
@@ -138,8 +135,8 @@ struct JobPool::State {
     return found == jobs.end() ? nullptr : found->second;
   }
 
-  JobStatus status(const Job& job) const {
-    JobStatus status = status_of(job.record);
+  JobRecord status(const Job& job) const {
+    JobRecord status = status_of(job.record);
     if (job.record.state == JobState::queued) {
       status.queue_position = queue.place_of(jobs.at(job.record.id));
     } else if (!is_over(job.record.state)) {
@@ -283,7 +280,7 @@ struct JobPool::State {
   bool work_once();
   void run(const JobPtr& job);
   void keep_time();
-  JobStatus cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job);
+  JobRecord cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job);
 };
 
 namespace {
@@ -540,8 +537,8 @@ JobPool::~JobPool() {
   state_->workers.clear();  // joins
 }
 
-JobStatus JobPool::submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                          const std::string& client, std::uint64_t memory_bytes) {
+JobRecord JobPool::submit(const api::WorkRequest& request, const std::string& result_id, const std::string& client,
+                          std::uint64_t memory_bytes) {
   State& s = *state_;
   std::unique_lock lock(s.mutex);
   s.changed.wait(lock, [&] {
@@ -566,7 +563,7 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
                 "You have as many jobs waiting as one client may; try again when some of them are done.");
   JobRecord record;
   record.id = random_id("job");
-  record.kind = kind;
+  record.kind = api::kind_of(request).name;
   record.result_id = result_id;
   record.request = request;
   record.client = client;
@@ -591,7 +588,7 @@ JobStatus JobPool::submit(const std::string& kind, const std::string& result_id,
   return s.status(*job);
 }
 
-JobStatus JobPool::status(const std::string& id) const {
+JobRecord JobPool::status(const std::string& id) const {
   const std::lock_guard lock(state_->mutex);
   if (const auto job = state_->find(id)) return state_->status(*job);
   std::optional<JobRecord> record = state_->catalog.find_job(id);
@@ -599,10 +596,10 @@ JobStatus JobPool::status(const std::string& id) const {
   return status_of(std::move(*record));
 }
 
-Page<JobStatus> JobPool::list(const std::string& cursor, std::size_t limit) const {
+Page<JobRecord> JobPool::list(const std::string& cursor, std::size_t limit) const {
   const std::lock_guard lock(state_->mutex);
   Page<JobRecord> records = state_->catalog.list_jobs(cursor, limit);
-  Page<JobStatus> page;
+  Page<JobRecord> page;
   page.next = std::move(records.next);
   page.damaged = std::move(records.damaged);
   for (JobRecord& record : records.items) {
@@ -612,7 +609,7 @@ Page<JobStatus> JobPool::list(const std::string& cursor, std::size_t limit) cons
   return page;
 }
 
-JobStatus JobPool::wait(const std::string& id, std::chrono::milliseconds timeout) const {
+JobRecord JobPool::wait(const std::string& id, std::chrono::milliseconds timeout) const {
   {
     std::unique_lock lock(state_->mutex);
     if (const auto job = state_->find(id)) {
@@ -645,7 +642,7 @@ JobEvents JobPool::events(const std::string& id, std::uint64_t after, std::chron
   return news;
 }
 
-std::optional<JobStatus> JobPool::cancel(const std::string& id, const std::string& client) {
+std::optional<JobRecord> JobPool::cancel(const std::string& id, const std::string& client) {
   State& s = *state_;
   std::unique_lock lock(s.mutex);
   s.await_arrival(lock, id);
@@ -682,7 +679,7 @@ JobPool::Memory JobPool::reserve(std::uint64_t bytes, std::chrono::milliseconds 
           }};
 }
 
-JobStatus JobPool::cancel_for_all(const std::string& id) {
+JobRecord JobPool::cancel_for_all(const std::string& id) {
   State& s = *state_;
   std::unique_lock lock(s.mutex);
   s.await_arrival(lock, id);
@@ -691,7 +688,7 @@ JobStatus JobPool::cancel_for_all(const std::string& id) {
 }
 
 /// Gives the lock back.
-JobStatus JobPool::State::cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job) {
+JobRecord JobPool::State::cancel_now(std::unique_lock<std::mutex>& lock, const JobPtr& job) {
   JobRecord record = job->record;
   record.requesters.clear();
   if (record.state == JobState::queued) {
@@ -707,7 +704,7 @@ JobStatus JobPool::State::cancel_now(std::unique_lock<std::mutex>& lock, const J
   job->record = std::move(record);
   no_longer_joinable(*job);
   announce(*job, JobEvent::Type::state);
-  const JobStatus now = status(*job);
+  const JobRecord now = status(*job);
   lock.unlock();
   job->stop.request_stop();  // runs the runner's stop callbacks, which may ask for the mutex
   return now;

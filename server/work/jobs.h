@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // Long work: queued, run on a bounded pool, watched, cancelled, and run again after a crash. Knows nothing of what the
-// work is: one runner, given at construction, turns a kind and a request text into a resource.
+// work is: one runner, given at construction, turns a request into a resource.
 #pragma once
 
 #include <chrono>
@@ -33,30 +33,8 @@ struct JobPoolOptions {
   std::chrono::milliseconds longest_run = std::chrono::milliseconds::max();  ///< of one job; then it fails. max: no end
 };
 
-/// A job as it is now.
-struct JobStatus {
-  JobRecord record;
-  std::optional<std::size_t> queue_position;  ///< while queued: 0 is the next to start
-  double elapsed_s = 0;                       ///< of the last run, until now or its end
-  std::optional<double> remaining_s;          ///< while running, once there is enough progress to judge by
-};
-
-/// Something that happened to a job. Numbers ascend within a job, also over restarts, but may have gaps.
-struct JobEvent {
-  enum class Type { state, progress, warning, end };
-  std::uint64_t number = 0;
-  Type type = Type::state;
-  JobState state = JobState::queued;
-  std::string stage;
-  double progress = 0;
-  std::string warning;  ///< of Type::warning only
-};
-
-struct JobEvents {
-  std::vector<JobEvent> events;  ///< ascending
-  bool over = false;             ///< nothing will follow; the last event of every job has Type::end
-  bool stopping = false;         ///< more follows, but from the next process: asking this one again is in vain
-};
+using api::JobEvent;
+using api::JobEvents;
 
 /// What a runner may do to its job. Valid during the call only.
 class JobContext {
@@ -115,20 +93,20 @@ class JobPool {
   ~JobPool();
 
   /// Queues work, or joins the unfinished job that makes the same result. The caller has looked for a finished result
-  /// before. Returns the job's status; its record.requesters tells who wants it now. `client` is whose turn it takes,
+  /// before. Returns the job's status; its requesters tell who wants it now. `client` is whose turn it takes,
   /// `memory_bytes` an estimate of what the work needs at its peak. Throws busy when the queue is full or the pool
   /// stops, throttled when this client's part of it is, and unusable, with the estimate, when the work can never fit.
-  JobStatus submit(const std::string& kind, const std::string& result_id, const std::string& request,
-                   const std::string& client = {}, std::uint64_t memory_bytes = 0);
+  JobRecord submit(const api::WorkRequest& request, const std::string& result_id, const std::string& client = {},
+                   std::uint64_t memory_bytes = 0);
 
   /// Throws not_found.
-  [[nodiscard]] JobStatus status(const std::string& id) const;
+  [[nodiscard]] JobRecord status(const std::string& id) const;
 
   /// All jobs ever accepted, newest first; see Catalog::list.
-  [[nodiscard]] Page<JobStatus> list(const std::string& cursor, std::size_t limit) const;
+  [[nodiscard]] Page<JobRecord> list(const std::string& cursor, std::size_t limit) const;
 
   /// Returns when the job is over, the time has passed or the pool stops, whichever comes first. Throws not_found.
-  JobStatus wait(const std::string& id, std::chrono::milliseconds timeout) const;
+  JobRecord wait(const std::string& id, std::chrono::milliseconds timeout) const;
 
   /// Events after number `after` (0: from the start), as soon as there are any; none when the time passes first or the
   /// pool stops. A reader that comes late sees the kept ones: all states and warnings, the latest progress.
@@ -138,10 +116,10 @@ class JobPool {
   /// Takes this client's request back; nothing when it is none of the job's requesters. The last one stops the work: a
   /// queued job is cancelled at once, a running one is cancelling until the runner returns. Durable: it will not run
   /// again. Throws not_found; conflict when it is over or its result is just being stored.
-  std::optional<JobStatus> cancel(const std::string& id, const std::string& client = {});
+  std::optional<JobRecord> cancel(const std::string& id, const std::string& client = {});
 
   /// The same for all requesters at once.
-  JobStatus cancel_for_all(const std::string& id);
+  JobRecord cancel_for_all(const std::string& id);
 
   /// Ends every unfinished job that this is true of (asked under the pool's lock): a queued one fails with this reason
   /// at once, a running one as soon as its runner returns. None of them is joined any more.

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/work/model_job.h"
 
 #include <algorithm>
 #include <array>
 #include <string_view>
 #include <utility>
 
-#include "api/json/documents.h"
 #include "core/crossings.h"
 #include "core/pipeline.h"
+#include "server/work/kinds.h"
 #include "server/work/memory.h"
 
 namespace spherule::server {
@@ -29,8 +28,7 @@ constexpr auto kShares = std::to_array<Share>({{"read", 0, 0.05},
 
 }  // namespace
 
-Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
-  const api::ModelRequest request = api::model_request_from(record.request);
+Resource run(Store& store, const api::ModelRequest& request, const std::string& id, JobContext& job) {
   Context context = job.context(0, 1);
   context.progress = [whole = context.progress](std::string_view stage, double part) {
     const auto found = std::ranges::find(kShares, stage, &Share::stage);
@@ -42,7 +40,7 @@ Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
   watch.lap("read");
 
   api::ModelInfo info;
-  info.id = record.result_id;
+  info.id = id;
   info.algorithm_version = algorithm_version_text();
   info.source = request;
   {
@@ -70,10 +68,7 @@ Resource run_model(Store& store, const JobRecord& record, JobContext& job) {
   context.report("store", 0);
   context.throw_if_cancelled();
   watch.restart();
-  Resource resource = store.keep(info, std::move(built.model), watch, context);
-  resource.request = record.request;
-  resource.inputs = {request.volume};
-  return resource;
+  return store.keep(info, std::move(built.model), watch, context);
 }
 
 }  // namespace spherule::server

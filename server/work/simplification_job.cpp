@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/work/simplification_job.h"
-
 #include <utility>
 
-#include "api/json/documents.h"
+#include "api/json/records.h"
 #include "core/simplify/simplify.h"
+#include "server/work/kinds.h"
 
 namespace spherule::server {
 
@@ -21,8 +20,7 @@ SampledObject object_of(Store& store, const Resource& root, const SphereModel& m
 
 }  // namespace
 
-Resource run_simplification(Store& store, const JobRecord& record, JobContext& job) {
-  const api::SimplificationRequest request = api::simplification_request_from(record.request);
+Resource run(Store& store, const api::SimplificationRequest& request, const std::string& id, JobContext& job) {
   const Resource source = store.find_model(request.model), root = store.root_of(source);
   Stopwatch watch;
   job.context(0, 0.1).report("load", 0);
@@ -38,7 +36,7 @@ Resource run_simplification(Store& store, const JobRecord& record, JobContext& j
 
   const SphereModel last{.spheres = spheres_at(simplified.order, simplified.order.last_level()), .solid = {}};
   api::ModelInfo info;
-  info.id = record.result_id;
+  info.id = id;
   info.algorithm_version = algorithm_version_text();
   info.spheres = last.spheres.size();
   info.bounds = bounds(last);
@@ -52,10 +50,7 @@ Resource run_simplification(Store& store, const JobRecord& record, JobContext& j
   storing.report("store", 0);
   storing.throw_if_cancelled();
   watch.restart();
-  Resource resource = store.keep(info, simplified.order, watch, storing);
-  resource.request = record.request;
-  resource.inputs = {request.model};
-  return resource;
+  return store.keep(info, simplified.order, watch, storing);
 }
 
 }  // namespace spherule::server

@@ -65,7 +65,8 @@ TEST_F(Registrations, EveryOptionArrives) {
   EXPECT_EQ(ask("POST", "/v1/registrations", wish).status, 200);
   ASSERT_TRUE(service.registered);
   // Through the record and back, which is what jobs see.
-  const api::RegistrationRequest r = api::registration_request_from(api::record_of(*service.registered));
+  const auto r =
+      std::get<api::RegistrationRequest>(api::work_from("registration", api::record_of(*service.registered)));
   EXPECT_EQ(r.fixed, kModel);
   EXPECT_EQ(r.moving, kImported);
   EXPECT_EQ(r.options.transform, TransformKind::affine);
@@ -143,17 +144,17 @@ TEST_F(Registrations, SayAllOfIt) {
 TEST_F(Registrations, PicturesAndResampledVolumesAreDerived) {
   service.image_pixels = 2'000'000;
   EXPECT_EQ(ask("GET", kPath + "/render?of=spheres").header("Content-Type"), "image/png");
-  ASSERT_TRUE(service.derived_from_registration);
+  ASSERT_TRUE(service.derived);
   const auto through = [&] {
-    return api::registration_answer_from(api::record_of(*service.derived_from_registration));
+    return std::get<api::DerivedRequest>(api::work_from("registration_answer", api::record_of(*service.derived)));
   };
   EXPECT_TRUE(std::get<api::BeforeAfterRequest>(through().what).few);
-  EXPECT_EQ(api::path_of(through()), kPath + "/render?of=spheres");
+  EXPECT_EQ(api::path_of(through(), {}), kPath + "/render?of=spheres");
   EXPECT_EQ(ask("POST", kPath + "/apply").header("Content-Type"), "application/x-nifti");
-  EXPECT_EQ(std::get<api::Applied>(through().what), api::Applied::volume);
+  EXPECT_EQ(std::get<api::AppliedRequest>(through().what).what, api::Applied::volume);
   EXPECT_EQ(ask("POST", kPath + "/apply", R"({"what": "model"})").status, 200);
-  EXPECT_EQ(std::get<api::Applied>(through().what), api::Applied::model);
-  EXPECT_EQ(api::path_of(through()), kPath + "/apply?what=model");
+  EXPECT_EQ(std::get<api::AppliedRequest>(through().what).what, api::Applied::model);
+  EXPECT_EQ(api::path_of(through(), {}), kPath + "/apply?what=model");
   EXPECT_EQ(ask("GET", kPath + "/apply?what=model").status, 200);
   service.finished = false;
   EXPECT_EQ(ask("GET", kPath + "/apply?what=volume").status, 202);

@@ -687,7 +687,7 @@ TEST_F(Routes, DrawSlicesAsAsked) {
   EXPECT_EQ(plain.header("Content-Type"), "image/png");
   EXPECT_EQ(plain.header("Vary"), "Accept");
   auto slice = std::get<api::SliceRequest>(service.derived->what);
-  EXPECT_EQ(slice.volume, kVolume);
+  EXPECT_EQ(service.derived->source, kVolume);
   EXPECT_EQ(slice.axis, 1);
   EXPECT_EQ(slice.index, 7);
   EXPECT_FALSE(slice.object);

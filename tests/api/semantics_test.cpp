@@ -85,7 +85,7 @@ TEST_F(Semantics, SendTheSamePostTwiceWithoutHarm) {
   // Refusals are not kept, nor their keys.
   EXPECT_EQ(post("k3", "{}").status, 400);
   EXPECT_EQ(post("k3", wish).status, 200);
-  EXPECT_EQ(service.replies.size(), 3U);
+  EXPECT_EQ(service.kept.size(), 3U);
 
   EXPECT_EQ(post("with space", wish).status, 400);
   EXPECT_EQ(post(std::string(256, 'k'), wish).status, 400);

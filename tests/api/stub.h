@@ -11,7 +11,9 @@
 
 #include "api/http/http.h"
 #include "api/json/documents.h"
+#include "api/json/records.h"
 #include "api/json/registration_documents.h"
+#include "api/json/work.h"
 #include "api/service.h"
 
 namespace spherule::test {
@@ -27,7 +29,7 @@ inline const std::string kJob = "job_" + std::string(32, 'd');
 class StubService final : public api::Service {
  public:
   // What to do.
-  bool finished = true;        ///< make_model and derive give results, not jobs
+  bool finished = true;        ///< requests give results, not jobs
   bool already_stored = true;  ///< what uploads and models say
   std::optional<Error> failure;
   bool defect = false;
@@ -43,7 +45,6 @@ class StubService final : public api::Service {
   std::optional<api::DerivedRequest> derived;
   std::uint64_t image_pixels = 1'000'000;
   std::optional<api::RegistrationRequest> registered;
-  std::optional<api::RegistrationAnswerRequest> derived_from_registration;
   std::optional<api::SphereFormat> imported;
   api::SphereListing listing;
   std::uint32_t level = 0;
@@ -53,8 +54,8 @@ class StubService final : public api::Service {
   std::uint64_t announced = 0;
   std::vector<std::string> deleted;
   api::UploadInfo resumable{.id = kUpload, .filename = {}, .length = 10, .offset = 0, .created = {}, .expires = {}};
-  std::string uploaded;  ///< its bytes
-  std::map<std::string, std::string> replies;
+  std::string uploaded;                     ///< its bytes
+  std::map<std::string, std::string> kept;  ///< replies, by key
   std::vector<std::string> reserved;
 
   static api::VolumeInfo volume_info() {
@@ -153,7 +154,7 @@ class StubService final : public api::Service {
     ObjectRule rule;
     rule.lo = 50;
     const PlaneModel model = build_plane_model(slice, rule);
-    return api::slice_document(request, slice.grid, request.object ? &model : nullptr);
+    return api::slice_document(kVolume, request, slice.grid, request.object ? &model : nullptr);
   }
   static api::Content content(std::string bytes) {
     return {.bytes = bytes.size(),
@@ -180,71 +181,55 @@ class StubService final : public api::Service {
     announced = bytes;
     return std::make_unique<StubUpload>(*this);
   }
-  api::StoredVolume store_volume(std::unique_ptr<api::Upload>, const api::VolumeParameters& given,
-                                 const api::Gone&) override {
+  api::Stored<api::VolumeInfo> store_volume(std::unique_ptr<api::Upload>, const api::VolumeParameters& given,
+                                            const api::Gone&) override {
     obey();
     parameters = given;
     return {volume_info(), already_stored};
   }
-  api::Page<api::VolumeInfo> volumes(const api::PageRequest& wanted) override {
-    page = wanted;
-    return {{volume_info()}, "next/1+"};
-  }
-  api::VolumeInfo volume(const std::string& id) override {
-    obey();
-    known(id == kVolume);
-    return volume_info();
-  }
-  api::Content volume_content(const std::string& id, std::size_t index) override {
-    known(id == kVolume && index < 2);
-    return content("0123456789");
-  }
-  api::Outcome<std::vector<std::uint64_t>> value_histogram(const std::string& id, std::size_t buckets,
-                                                           Seconds wait) override {
-    known(id == kVolume);
-    waited = wait.count();
-    if (!finished) return job_info();
-    return std::vector<std::uint64_t>(buckets, 7);
-  }
-  void delete_volume(const std::string& id) override {
-    known(id == kVolume);
-    deleted.push_back(id);
-  }
-  api::Outcome<api::StoredModel> make_model(const api::ModelRequest& request, Seconds wait) override {
-    obey();
-    made = request;
-    waited = wait.count();
-    if (!finished) {
-      api::JobInfo job = job_info();
-      job.awaited = awaited;
-      return job;
+  using Service::find;
+  api::Thing find(api::Collection collection, const std::string& id) override {
+    if (collection == api::Collection::volumes) {
+      obey();
+      known(id == kVolume);
+      return volume_info();
     }
-    return api::StoredModel{model_info(), already_stored};
-  }
-  api::Outcome<api::StoredModel> simplify_model(const api::SimplificationRequest& request, Seconds wait) override {
-    obey();
-    known(request.model == kModel);
-    simplified = request;
-    waited = wait.count();
-    if (!finished) return job_info();
-    return api::StoredModel{simplified_info(), already_stored};
-  }
-  api::StoredModel import_model(std::unique_ptr<api::Upload>, api::SphereFormat format) override {
-    obey();
-    imported = format;
-    return {imported_info(), already_stored};
-  }
-  api::Page<api::ModelInfo> models(const api::PageRequest& wanted) override {
-    page = wanted;
-    return {{model_info(), imported_info(), simplified_info()}, ""};
-  }
-  api::ModelInfo model(const std::string& id) override {
+    if (collection == api::Collection::registrations) {
+      known(id == kRegistration);
+      return registration_info();
+    }
     known(id == kModel || id == kImported || id == kSimplified);
     return id == kModel ? model_info() : id == kImported ? imported_info() : simplified_info();
   }
-  void delete_model(const std::string& id) override {
-    known(id == kModel);
+  api::Page<api::Thing> list(api::Collection collection, const api::PageRequest& wanted) override {
+    page = wanted;
+    if (collection == api::Collection::volumes) return {{volume_info()}, "next/1+"};
+    if (collection == api::Collection::registrations) return {{registration_info()}, "next"};
+    return {{model_info(), imported_info(), simplified_info()}, ""};
+  }
+  void remove(api::Collection collection, const std::string& id) override {
+    known(id == (collection == api::Collection::volumes  ? kVolume
+                 : collection == api::Collection::models ? kModel
+                                                         : kRegistration));
     deleted.push_back(id);
+  }
+  api::Content content(const std::string& id, std::size_t index) override {
+    known(id == kVolume && index < 2);
+    return content("0123456789");
+  }
+  api::Outcome submit(const api::WorkRequest& request, Seconds wait) override {
+    obey();
+    waited = wait.count();
+    const api::Made result = std::visit([&](const auto& wanted) { return make(wanted); }, request);
+    if (finished) return result;
+    api::JobInfo job = job_info();
+    job.awaited = awaited;
+    return job;
+  }
+  api::Stored<api::ModelInfo> import_model(std::unique_ptr<api::Upload>, api::SphereFormat format) override {
+    obey();
+    imported = format;
+    return {imported_info(), already_stored};
   }
   api::SpherePage spheres(const std::string& id, std::uint32_t wanted_level, std::uint64_t offset, std::size_t limit,
                           const api::SphereListing& wanted, bool with_members) override {
@@ -266,25 +251,6 @@ class StubService final : public api::Service {
     known(id == kModel);
     return {.scale = scale, .min_mm = 0.5, .max_mm = 2.5, .counts = std::vector<std::uint64_t>(buckets, 3)};
   }
-  api::Outcome<api::Content> derive(const api::DerivedRequest& request, Seconds wait) override {
-    obey();
-    const auto* slice = std::get_if<api::SliceRequest>(&request.what);
-    known(slice != nullptr ? slice->volume == kVolume && request.model.empty() : request.model == kModel);
-    derived = request;
-    waited = wait.count();
-    if (!finished) return job_info();
-    if (slice != nullptr && slice->format == api::FigureFormat::json) return content(slice_document(*slice));
-    if (std::holds_alternative<api::MeasuresRequest>(request.what)) {
-      return content(api::measures_document(kModel, measures()));
-    }
-    if (std::holds_alternative<api::ChecksRequest>(request.what)) return content(api::checks_document(kModel, {}));
-    if (std::holds_alternative<api::TreeRequest>(request.what)) {
-      const TreeLevel one{{{{1, 2, 3}, 4}}, {no_parent}}, two{{{{1, 2, 3}, 4}, {{5, 6, 7}, 8}}, {0, no_parent}};
-      return content(api::tree_document(kModel, kImported, std::vector<std::uint32_t>{1, 2}, std::vector{one, two},
-                                        {.begin = {0, 2, 3}, .items = {0, 2, 1}}));
-    }
-    return content("derived bytes");
-  }
   static api::RegistrationInfo registration_info() {
     const api::RegistrationRequest request{.fixed = kModel, .moving = kImported, .options = {.k = 8}};
     Registration found;
@@ -299,34 +265,6 @@ class StubService final : public api::Service {
         api::registration_document(kRegistration, api::Time(std::chrono::milliseconds(1'700'000'000'789)), "1", request,
                                    found),
         api::record_of(request));
-  }
-  api::Outcome<api::StoredRegistration> register_pair(const api::RegistrationRequest& request, Seconds wait) override {
-    obey();
-    known(request.fixed == kModel && request.moving == kImported);
-    registered = request;
-    waited = wait.count();
-    if (!finished) return job_info();
-    return api::StoredRegistration{registration_info(), already_stored};
-  }
-  api::Page<api::RegistrationInfo> registrations(const api::PageRequest& wanted) override {
-    page = wanted;
-    return {{registration_info()}, "next"};
-  }
-  api::RegistrationInfo registration(const std::string& id) override {
-    known(id == kRegistration);
-    return registration_info();
-  }
-  void delete_registration(const std::string& id) override {
-    known(id == kRegistration);
-    deleted.push_back(id);
-  }
-  api::Outcome<api::Content> derive_from(const api::RegistrationAnswerRequest& request, Seconds wait) override {
-    obey();
-    known(request.registration == kRegistration);
-    derived_from_registration = request;
-    waited = wait.count();
-    if (!finished) return job_info();
-    return content("derived bytes");
   }
   api::Page<api::JobInfo> jobs(const api::PageRequest& wanted) override {
     page = wanted;
@@ -350,42 +288,96 @@ class StubService final : public api::Service {
     if (!may_cancel) return {};
     return job_info();
   }
-  api::UploadInfo create_upload(std::uint64_t length, const std::string& filename) override {
-    resumable = {.id = kUpload, .filename = filename, .length = length, .offset = 0, .created = {}, .expires = {}};
-    return resumable;
-  }
-  api::UploadInfo upload(const std::string& id) override {
-    known(id == kUpload);
-    return resumable;
-  }
-  api::UploadInfo append_upload(const std::string& id, std::uint64_t offset,
-                                const std::function<void(const TakeBytes&)>& feed) override {
-    known(id == kUpload);
-    if (offset != resumable.offset) throw Error(ErrorCode::conflict, "Go on where the upload stands.");
-    feed([&](std::string_view piece) { uploaded += piece; });
-    resumable.offset = uploaded.size();
-    return resumable;
-  }
-  void read_upload(const std::string& id, const TakeBytes& take) override {
-    known(id == kUpload);
-    take(uploaded);
-  }
-  void delete_upload(const std::string& id) override {
-    known(id == kUpload);
-    deleted.push_back(id);
-  }
-  std::optional<std::string> recall_reply(const std::string& key) override {
-    if (const auto found = replies.find(key); found != replies.end()) return found->second;
-    reserved.push_back(key);
-    return std::nullopt;
-  }
-  void keep_reply(const std::string& key, const std::string& reply) override { replies[key] = reply; }
-  void release_reply(const std::string& key) override { std::erase(reserved, key); }
+  api::PartialUploads& partial_uploads() override { return partial_; }
+  api::Replies& replies() override { return book_; }
   std::vector<api::Metric> metrics() override {
     return {{"spherule_test", "gauge", "Of the test.", {{"", {{"of", "a \"b\"\n"}}, 0.5}, {"_sum", {}, 3}}}};
   }
 
  private:
+  struct StubPartialUploads final : api::PartialUploads {
+    explicit StubPartialUploads(StubService& s) : stub(s) {}
+    api::UploadInfo create(std::uint64_t length, std::string_view filename) override {
+      stub.resumable = {.id = kUpload,
+                        .filename = std::string(filename),
+                        .length = length,
+                        .offset = 0,
+                        .created = {},
+                        .expires = {}};
+      return stub.resumable;
+    }
+    api::UploadInfo find(const std::string& id) const override {
+      known(id == kUpload);
+      return stub.resumable;
+    }
+    api::UploadInfo append(const std::string& id, std::uint64_t offset,
+                           const std::function<void(const TakeBytes&)>& feed) override {
+      known(id == kUpload);
+      if (offset != stub.resumable.offset) throw Error(ErrorCode::conflict, "Go on where the upload stands.");
+      feed([&](std::string_view piece) { stub.uploaded += piece; });
+      stub.resumable.offset = stub.uploaded.size();
+      return stub.resumable;
+    }
+    void read(const std::string& id, const TakeBytes& take) const override {
+      known(id == kUpload);
+      take(stub.uploaded);
+    }
+    void remove(const std::string& id) override {
+      known(id == kUpload);
+      stub.deleted.push_back(id);
+    }
+    StubService& stub;
+  };
+
+  struct StubReplies final : api::Replies {
+    explicit StubReplies(StubService& s) : stub(s) {}
+    std::optional<std::string> recall(const std::string& key) override {
+      if (const auto found = stub.kept.find(key); found != stub.kept.end()) return found->second;
+      stub.reserved.push_back(key);
+      return std::nullopt;
+    }
+    void keep(const std::string& key, const std::string& reply) override { stub.kept[key] = reply; }
+    void release(const std::string& key) override { std::erase(stub.reserved, key); }
+    StubService& stub;
+  };
+
+  // What each request makes here.
+  api::Made make(const api::ModelRequest& request) {
+    made = request;
+    return api::Stored<api::ModelInfo>{model_info(), already_stored};
+  }
+  api::Made make(const api::SimplificationRequest& request) {
+    known(request.model == kModel);
+    simplified = request;
+    return api::Stored<api::ModelInfo>{simplified_info(), already_stored};
+  }
+  api::Made make(const api::RegistrationRequest& request) {
+    known(request.fixed == kModel && request.moving == kImported);
+    registered = request;
+    return api::Stored<api::RegistrationInfo>{registration_info(), already_stored};
+  }
+  api::Made make(const api::DerivedRequest& request) {
+    const std::string_view from = api::kind_of(request).source;
+    known(request.source == (from == "model" ? kModel : from == "volume" ? kVolume : kRegistration));
+    derived = request;
+    const auto* slice = std::get_if<api::SliceRequest>(&request.what);
+    if (slice != nullptr && slice->format == api::FigureFormat::json) return content(slice_document(*slice));
+    if (const auto* values = std::get_if<api::ValuesRequest>(&request.what))
+      return content(api::record_of(std::vector<std::uint64_t>(values->buckets, 7)));
+    if (std::holds_alternative<api::MeasuresRequest>(request.what))
+      return content(api::measures_document(kModel, measures()));
+    if (std::holds_alternative<api::ChecksRequest>(request.what)) return content(api::checks_document(kModel, {}));
+    if (std::holds_alternative<api::TreeRequest>(request.what)) {
+      const TreeLevel one{{{{1, 2, 3}, 4}}, {no_parent}}, two{{{{1, 2, 3}, 4}, {{5, 6, 7}, 8}}, {0, no_parent}};
+      return content(api::tree_document(kModel, kImported, std::vector<std::uint32_t>{1, 2}, std::vector{one, two},
+                                        {.begin = {0, 2, 3}, .items = {0, 2, 1}}));
+    }
+    return content("derived bytes");
+  }
+
+  StubPartialUploads partial_{*this};
+  StubReplies book_{*this};
+
   void obey() const {
     if (failure) throw *failure;
     if (defect) throw std::logic_error("/secret/path");

@@ -23,6 +23,8 @@
 namespace spherule::server {
 namespace {
 
+using test::asks;
+
 using namespace std::chrono_literals;
 namespace fs = std::filesystem;
 
@@ -91,9 +93,9 @@ struct Server {
           withdraw(server.catalog, server.blobs, "vol_" + id);
         }
       } else if (pool.load().queued < 10) {
-        const std::string job = pool.submit("model", "mdl_" + id, "").record.id;
+        const std::string job = pool.submit(asks(), "mdl_" + id).id;
         say("j " + job);
-        if (random() % 2 && is_over(pool.wait(job, 20ms).record.state)) say("s " + job);
+        if (random() % 2 && is_over(pool.wait(job, 20ms).state)) say("s " + job);
       }
     }
   } catch (const std::exception& error) {
@@ -187,7 +189,7 @@ TEST(Crash, NothingAcknowledgedIsLostAndNothingIsThereInPart) {
 
   Server server(folder.path());
   const JobPool pool({.jobs_at_once = 2, .crash_limit = never}, server.catalog, server.blobs, server.runner());
-  for (const std::string& id : acknowledged.jobs) EXPECT_EQ(pool.wait(id, 60s).record.state, JobState::succeeded) << id;
+  for (const std::string& id : acknowledged.jobs) EXPECT_EQ(pool.wait(id, 60s).state, JobState::succeeded) << id;
 }
 
 }  // namespace

@@ -35,6 +35,10 @@ class ScratchCatalog : private TemporaryFolder, public Catalog {
   ScratchCatalog();
 };
 
+/// A request that bears a text, and the text of a job's request.
+inline api::WorkRequest asks(const std::string& text = {}) { return api::ModelRequest{.volume = text, .rule = {}}; }
+inline std::string asked(const JobRecord& job) { return std::get<api::ModelRequest>(*job.request).volume; }
+
 /// Keeps blobs in anonymous memory; safe to use from several threads.
 class MemoryBlobStore final : public BlobStore {
  public:

@@ -9,7 +9,7 @@
 #include <map>
 #include <set>
 
-#include "api/json/documents.h"
+#include "api/json/records.h"
 #include "server/base/digest.h"
 #include "server/records/catalog.h"
 #include "tests/server/doubles.h"

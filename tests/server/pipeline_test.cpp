@@ -46,7 +46,7 @@ class PipelineTest : public testing::Test {
     config.job_memory_bytes = std::uint64_t{4} << 30;
     return config;
   }
-  api::StoredVolume store(const api::Gone& gone) {
+  api::Stored<api::VolumeInfo> store(const api::Gone& gone) {
     auto upload = pipeline.start_upload(bytes.size());
     upload->begin_file({});
     upload->write(bytes);
@@ -62,18 +62,18 @@ class PipelineTest : public testing::Test {
 
 TEST_F(PipelineTest, ReadsAVolumeForWhoWaitsForIt) {
   std::atomic<int> asked{0};
-  const api::StoredVolume stored = store([&] {
+  const api::Stored<api::VolumeInfo> stored = store([&] {
     ++asked;
     return false;
   });
   EXPECT_GT(asked, 0);
-  EXPECT_EQ(stored.volume.grid.dims, (std::array<std::int32_t, 3>{side, side, side}));
-  EXPECT_EQ(pipeline.volumes({}).items.size(), 1U);
+  EXPECT_EQ(stored.thing.grid.dims, (std::array<std::int32_t, 3>{side, side, side}));
+  EXPECT_EQ(pipeline.list(api::Collection::volumes, {}).items.size(), 1U);
 }
 
 TEST_F(PipelineTest, StopsReadingWhenTheSenderIsGone) {
   EXPECT_EQ(error_of([&] { store([] { return true; }); }), ErrorCode::cancelled);
-  EXPECT_TRUE(pipeline.volumes({}).items.empty());
+  EXPECT_TRUE(pipeline.list(api::Collection::volumes, {}).items.empty());
 }
 
 TEST_F(PipelineTest, StopsReadingWhenTheServerStops) {

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "api/json/documents.h"
+#include "api/json/records.h"
 #include "core/base/error.h"
 #include "tests/api/stub.h"
 
@@ -37,84 +38,8 @@ TEST(Records, OfVolumesReadBack) {
 TEST(Records, OfModelsReadBack) {
   for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info(), StubService::simplified_info()}) {
     EXPECT_EQ(record_of(model_from(record_of(m))), record_of(m));
-    EXPECT_EQ(model_document(model_from(record_of(m))), model_document(m));
+    EXPECT_EQ(document_of(model_from(record_of(m))), document_of(m));
   }
-}
-
-TEST(Records, OfRequestsReadBack) {
-  ModelRequest request{.volume = kVolume, .rule = {}};
-  for (const auto kind : {ObjectRule::Kind::threshold, ObjectRule::Kind::range, ObjectRule::Kind::labels}) {
-    request.rule = {};
-    request.rule.kind = kind;
-    request.rule.side = Side::below;
-    request.rule.border = Border::open;
-    if (kind == ObjectRule::Kind::labels) {
-      request.rule.labels = {min_label, -9007199254740993, 9223372036854775807, max_label};
-    } else {
-      request.rule.lo = -1e-300;
-      request.rule.hi = kind == ObjectRule::Kind::range ? 0.1 : 0;
-    }
-    const ModelRequest again = model_request_from(record_of(request));
-    EXPECT_EQ(again.volume, request.volume);
-    EXPECT_EQ(again.rule, request.rule);
-  }
-  const ObjectRule labels = request.rule;
-  for (const DerivedRequest& derived : std::vector<DerivedRequest>{
-           {kModel, MeasuresRequest{}},
-           {kModel, ChecksRequest{}},
-           {kModel, RenderRequest{{.width = 3, .height = 4, .style = Style::blobs, .views = {View::left}}}},
-           {kModel, RenderRequest{.with = kImported}},
-           {kModel, ExportRequest{SphereFormat::vtp}},
-           {kModel, TreeRequest{{1, 8}}},
-           {kModel, RenderRequest{.options = {.views = {View::left}}}, 5},
-           {kModel, ContributionsRequest{}},
-           {kModel, FileRequest{}},
-           {kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}},
-           {kModel, FileRequest{FileFormat::glb, {.glb = {.style = GlbOptions::Style::mesh}}}},
-           {kModel, FileRequest{FileFormat::nifti, {.voxel_mm = 0.5}}},
-           {{}, SliceRequest{.volume = kVolume, .axis = 0, .index = 3}},
-           {{}, ValuesRequest{kVolume, 17}},
-           {{},
-            SliceRequest{.volume = kVolume,
-            .object = labels,
-            .format = FigureFormat::svg,
-            .options = {.width = 5, .window = Window{3, 4}, .show = {Overlay::circles}}}}}) {
-    EXPECT_EQ(path_of(derived_from(record_of(derived))), path_of(derived));
-    EXPECT_EQ(derived_from(record_of(derived)).what.index(), derived.what.index());
-  }
-  const SphereListing listing{{SphereFigure::share, SphereFigure::index}, SphereOrder::contribution};
-  const DerivedRequest listed{kModel, ExportRequest{SphereFormat::ply, listing}};
-  EXPECT_EQ(path_of(derived_from(record_of(listed))),
-            "/v1/models/" + kModel + "/exports/ply?columns=share,index&order=contribution");
-  EXPECT_NE(identity_of(listed, "1"), identity_of({kModel, ExportRequest{SphereFormat::ply}}, "1"));
-}
-
-TEST(Records, OfSimplificationsReadBack) {
-  for (const SimplifyMethod& method : std::vector<SimplifyMethod>{
-           SphericityOptions{.threshold = 0.1, .limit = 3, .representative = Representative::volume},
-           SplittingOptions{.at = SplittingOptions::At::average, .k = 7, .representative = Representative::largest},
-           PruneOptions{.buckets = {2, 5}, .bucket_count = 9}, PruneOptions{.least_radius_mm = 0.3},
-           BestOptions{.mode = BestOptions::Mode::outer, .iou = 1.0 / 3}}) {
-    const SimplificationRequest request{.model = kModel, .method = method};
-    EXPECT_EQ(record_of(simplification_request_from(record_of(request))), record_of(request));
-    EXPECT_EQ(simplification_request_from(record_of(request)).method.index(), method.index());
-  }
-  const SimplificationRequest one{kModel, SplittingOptions{}}, other{kModel, SplittingOptions{.k = 255}};
-  EXPECT_NE(identity_of(one, "1"), identity_of(other, "1"));
-  EXPECT_EQ(identity_of(one, "1"), identity_of({kModel, parse_method({{"method", "median"}})}, "1")) << "defaults";
-  const DerivedRequest level{kModel,
-                             ExportRequest{.format = SphereFormat::csv, .listing = {.rows = SphereRows::members}}, 4};
-  EXPECT_EQ(path_of(derived_from(record_of(level))), "/v1/models/" + kModel + "/exports/csv?rows=members&level=4");
-}
-
-TEST(Records, OfFilesDependOnWhatChangesTheFile) {
-  const DerivedRequest plain{kModel, FileRequest{FileFormat::urdf, {}}};
-  const DerivedRequest heavy{kModel, FileRequest{FileFormat::urdf, {.density_kg_m3 = 2500, .link = "femur"}}};
-  const DerivedRequest same{kModel, FileRequest{FileFormat::urdf, {.voxel_mm = 3}}};
-  EXPECT_EQ(path_of(heavy), "/v1/models/" + kModel + "/exports/urdf?density=2500&link=femur");
-  EXPECT_NE(identity_of(plain, "1"), identity_of(heavy, "1"));
-  EXPECT_EQ(identity_of(plain, "1"), identity_of(same, "1"));
-  EXPECT_NE(identity_of(plain, "1"), identity_of({kModel, FileRequest{FileFormat::srdf, {}}}, "1"));
 }
 
 template <typename F>
@@ -153,15 +78,6 @@ TEST(Records, HoldFiniteNumbersOnly) {
     measures.spheres.mass.volume_mm3 = bad;
     EXPECT_EQ(refusal([&] { static_cast<void>(measures_document(kModel, measures)); }), ErrorCode::unusable);
   }
-}
-
-// As one of an earlier version may be, whose options had other words.
-TEST(Records, ThatAreNotValidAnyMoreAreCorrupt) {
-  std::string record = record_of(DerivedRequest{kModel, RenderRequest{{.width = 3, .height = 4}}});
-  const std::size_t at = record.find("\"width\":\"3\"");
-  ASSERT_NE(at, std::string::npos) << record;
-  record.replace(at, 11, "\"width\":\"wide\"");
-  EXPECT_EQ(refusal([&] { static_cast<void>(derived_from(record)); }), ErrorCode::corrupt);
 }
 
 TEST(Records, OfTimesThatNoClockShowsAreCorrupt) {

@@ -51,8 +51,8 @@ class Resumable : public Folder {
     uploads.read(id, [&](std::string_view piece) { bytes += piece; });
     return bytes;
   }
-  static std::function<void(const ResumableUploads::Take&)> bytes(std::string text) {
-    return [text = std::move(text)](const ResumableUploads::Take& take) { take(text); };
+  static std::function<void(const ResumableUploads::TakeBytes&)> bytes(std::string text) {
+    return [text = std::move(text)](const ResumableUploads::TakeBytes& take) { take(text); };
   }
 };
 
@@ -68,7 +68,7 @@ TEST_F(Resumable, GoOnAfterABreakAndARestart) {
     EXPECT_EQ(uploads.append(id, 0, bytes("0123")).offset, 4U);
     // A connection breaks: what came stays.
     EXPECT_EQ(refusal([&] {
-                uploads.append(id, 4, [](const ResumableUploads::Take& take) {
+                uploads.append(id, 4, [](const ResumableUploads::TakeBytes& take) {
                   take("45");
                   throw Error(ErrorCode::malformed, "The body is cut short.");
                 });
@@ -92,7 +92,7 @@ TEST_F(Resumable, GoOnAfterABreakAndARestart) {
 TEST_F(Resumable, TakeOneAppendAtATime) {
   ResumableUploads uploads(folder, 100, 1h);
   const std::string id = uploads.create(10, "").id;
-  uploads.append(id, 0, [&](const ResumableUploads::Take& take) {
+  uploads.append(id, 0, [&](const ResumableUploads::TakeBytes& take) {
     take("01");
     EXPECT_EQ(refusal([&] { uploads.append(id, 2, bytes("2")); }), ErrorCode::conflict);
     EXPECT_EQ(refusal([&] { uploads.remove(id); }), ErrorCode::conflict);

@@ -17,6 +17,8 @@ namespace spherule::server {
 namespace {
 
 namespace fs = std::filesystem;
+using test::asked;
+using test::asks;
 using test::error_of;
 
 Resource resource(const std::string& id, const std::string& collection = "models",
@@ -37,7 +39,7 @@ JobRecord job(const std::string& id) {
   j.id = id;
   j.kind = "model";
   j.result_id = "result of " + id;
-  j.request = "request of " + id;
+  j.request = asks("request of " + id);
   j.created = now();
   return j;
 }
@@ -208,7 +210,7 @@ TEST(Catalog, KeepsAllOfAJob) {
   ASSERT_TRUE(found);
   EXPECT_EQ(found->kind, full.kind);
   EXPECT_EQ(found->result_id, full.result_id);
-  EXPECT_EQ(found->request, full.request);
+  EXPECT_EQ(asked(*found), asked(full));
   EXPECT_EQ(found->state, full.state);
   EXPECT_EQ(found->stage, full.stage);
   EXPECT_EQ(found->progress, full.progress);

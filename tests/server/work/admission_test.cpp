@@ -18,6 +18,7 @@ namespace spherule::server {
 namespace {
 
 using namespace std::chrono_literals;
+using test::asks;
 using test::error_of;
 
 class Admission : public testing::Test {
@@ -66,25 +67,25 @@ class Admission : public testing::Test {
     return started;
   }
   /// A job of 40 bytes that runs, and beside it one that grows from 10 to 70, which is returned.
-  JobStatus start_growing(JobPool& pool) {
+  JobRecord start_growing(JobPool& pool) {
     revised = {{"grows", 70}};
-    pool.submit("model", "40", "", "a", 40);
+    pool.submit(asks(), "40", "a", 40);
     await_started(1);
-    JobStatus grows = pool.submit("model", "grows", "", "b", 10);
+    JobRecord grows = pool.submit(asks(), "grows", "b", 10);
     await_started(2);
     return grows;
   }
-  static JobStatus await(const JobPool& pool, const JobStatus& job, JobState state) {
-    for (std::uint64_t seen = 0; pool.status(job.record.id).record.state != state;) {
-      const JobEvents news = pool.events(job.record.id, seen, 60s);
+  static JobRecord await(const JobPool& pool, const JobRecord& job, JobState state) {
+    for (std::uint64_t seen = 0; pool.status(job.id).state != state;) {
+      const JobEvents news = pool.events(job.id, seen, 60s);
       if (news.events.empty() || news.over) break;
       seen = news.events.back().number;
     }
-    EXPECT_EQ(pool.status(job.record.id).record.state, state);
-    return pool.status(job.record.id);
+    EXPECT_EQ(pool.status(job.id).state, state);
+    return pool.status(job.id);
   }
-  static std::string over(JobPool& pool, const JobStatus& job) {
-    return std::string(to_string(pool.wait(job.record.id, 60s).record.state));
+  static std::string over(JobPool& pool, const JobRecord& job) {
+    return std::string(api::name(pool.wait(job.id, 60s).state));
   }
 };
 
@@ -92,51 +93,51 @@ using Names = std::vector<std::string>;
 
 TEST_F(Admission, ClientsTakeTurns) {
   JobPool pool({}, catalog, blobs, runner());
-  std::vector<JobStatus> jobs;
-  pool.submit("model", "a1", "", "a");
+  std::vector<JobRecord> jobs;
+  pool.submit(asks(), "a1", "a");
   await_started(1);
-  for (const char* name : {"a2", "a3", "b1", "c1", "b2"}) jobs.push_back(pool.submit("model", name, "", {name[0]}));
-  EXPECT_EQ(pool.status(jobs[1].record.id).queue_position, 3U) << "a3 after a2 b1 c1";
-  EXPECT_EQ(pool.status(jobs[2].record.id).queue_position, 1U);
+  for (const char* name : {"a2", "a3", "b1", "c1", "b2"}) jobs.push_back(pool.submit(asks(), name, {name[0]}));
+  EXPECT_EQ(pool.status(jobs[1].id).queue_position, 3U) << "a3 after a2 b1 c1";
+  EXPECT_EQ(pool.status(jobs[2].id).queue_position, 1U);
   let_end({"everything"});
   EXPECT_EQ(await_started(6), (Names{"a1", "a2", "b1", "c1", "a3", "b2"}));
 }
 
 TEST_F(Admission, AClientHasAPartOfTheQueue) {
   JobPool pool({.queue_length = 4, .queue_per_client = 2}, catalog, blobs, runner());
-  pool.submit("model", "running", "", "a");
+  pool.submit(asks(), "running", "a");
   await_started(1);
-  pool.submit("model", "a1", "", "a");
-  pool.submit("model", "a2", "", "a");
-  EXPECT_EQ(error_of([&] { pool.submit("model", "a3", "", "a"); }), ErrorCode::throttled);
-  EXPECT_FALSE(error_of([&] { pool.submit("model", "a2", "", "a"); })) << "joining needs no place";
-  pool.submit("model", "b1", "", "b");
-  pool.submit("model", "b2", "", "b");
-  EXPECT_EQ(error_of([&] { pool.submit("model", "c1", "", "c"); }), ErrorCode::busy);
+  pool.submit(asks(), "a1", "a");
+  pool.submit(asks(), "a2", "a");
+  EXPECT_EQ(error_of([&] { pool.submit(asks(), "a3", "a"); }), ErrorCode::throttled);
+  EXPECT_FALSE(error_of([&] { pool.submit(asks(), "a2", "a"); })) << "joining needs no place";
+  pool.submit(asks(), "b1", "b");
+  pool.submit(asks(), "b2", "b");
+  EXPECT_EQ(error_of([&] { pool.submit(asks(), "c1", "c"); }), ErrorCode::busy);
 }
 
 TEST_F(Admission, WorkThatCanNeverFitIsRefusedWithTheEstimate) {
   JobPool pool({.memory_bytes = 10 << 20}, catalog, blobs, runner());
   try {
-    pool.submit("model", "large", "", "a", (10 << 20) + 1);
+    pool.submit(asks(), "large", "a", (10 << 20) + 1);
     FAIL() << "accepted";
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::unusable);
     EXPECT_NE(std::string(error.what()).find("about 11 MiB of memory, and this server has 10 MiB"), std::string::npos);
   }
   EXPECT_TRUE(catalog.list_jobs("", 10).items.empty());
-  pool.submit("model", "all of it", "", "a", 10 << 20);
+  pool.submit(asks(), "all of it", "a", 10 << 20);
   await_started(1);
 }
 
 TEST_F(Admission, WorkThatDoesNotFitYetWaitsAndIsNotOvertaken) {
   JobPool pool({.jobs_at_once = 3, .memory_bytes = 100}, catalog, blobs, runner());
-  pool.submit("model", "60", "", "a", 60);
+  pool.submit(asks(), "60", "a", 60);
   await_started(1);
-  const JobStatus large = pool.submit("model", "50", "", "b", 50);
-  const JobStatus small = pool.submit("model", "10", "", "c", 10);
+  const JobRecord large = pool.submit(asks(), "50", "b", 50);
+  const JobRecord small = pool.submit(asks(), "10", "c", 10);
   EXPECT_EQ(pool.load().memory_bytes, 60U);
-  EXPECT_EQ(pool.wait(small.record.id, 50ms).record.state, JobState::queued) << "its turn comes after";
+  EXPECT_EQ(pool.wait(small.id, 50ms).state, JobState::queued) << "its turn comes after";
   let_end({"60"});
   await_started(3);
   EXPECT_EQ(pool.load().memory_bytes, 60U);
@@ -149,15 +150,15 @@ TEST_F(Admission, WorkThatDoesNotFitYetWaitsAndIsNotOvertaken) {
 TEST_F(Admission, EstimatesAreCorrectedWhileTheWorkRuns) {
   revised = {{"shrinks", 20}, {"grows", 101}};
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  const JobStatus first = pool.submit("model", "shrinks", "", "a", 90);
-  const JobStatus second = pool.submit("model", "second", "", "a", 80);
+  const JobRecord first = pool.submit(asks(), "shrinks", "a", 90);
+  const JobRecord second = pool.submit(asks(), "second", "a", 80);
   EXPECT_EQ(await_started(2), (Names{"shrinks", "second"}));
-  const JobStatus grows = pool.submit("model", "grows", "", "a", 1);
+  const JobRecord grows = pool.submit(asks(), "grows", "a", 1);
   let_end({"shrinks", "second"});
   EXPECT_EQ(over(pool, first), "succeeded");
   EXPECT_EQ(over(pool, second), "succeeded");
   EXPECT_EQ(over(pool, grows), "failed");
-  const JobRecord failed = pool.status(grows.record.id).record;
+  const JobRecord failed = pool.status(grows.id);
   ASSERT_TRUE(failed.error && failed.error->code);
   EXPECT_EQ(failed.error->code, ErrorCode::unusable);
   EXPECT_EQ(pool.load().memory_bytes, 0U);
@@ -166,12 +167,12 @@ TEST_F(Admission, EstimatesAreCorrectedWhileTheWorkRuns) {
 // What a job holds when it learns that it needs more, and that it does not fit beside the others, is freed.
 TEST_F(Admission, AJobThatGrowsBeyondWhatIsLeftWaitsForTheOthers) {
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  const JobStatus grows = start_growing(pool);
+  const JobRecord grows = start_growing(pool);
   EXPECT_EQ(await(pool, grows, JobState::queued).queue_position, 0U);
   EXPECT_EQ(pool.load().memory_bytes, 40U);
-  EXPECT_EQ(catalog.find_job(grows.record.id)->memory_bytes, 70U) << "for the next start";
-  const JobStatus later = pool.submit("model", "later", "", "c", 10);
-  EXPECT_EQ(pool.wait(later.record.id, 50ms).record.state, JobState::queued) << "it has had its turn already";
+  EXPECT_EQ(catalog.find_job(grows.id)->memory_bytes, 70U) << "for the next start";
+  const JobRecord later = pool.submit(asks(), "later", "c", 10);
+  EXPECT_EQ(pool.wait(later.id, 50ms).state, JobState::queued) << "it has had its turn already";
   let_end({"40", "grows"});
   EXPECT_EQ(over(pool, grows), "succeeded");
   let_end({"everything"});
@@ -186,25 +187,25 @@ TEST_F(Admission, JobsThatAllGrowComeOneAfterTheOther) {
   revised = {{"0", 80}, {"1", 80}, {"2", 80}, {"3", 80}};
   grow_together = jobs;
   JobPool pool({.jobs_at_once = jobs, .memory_bytes = 100}, catalog, blobs, runner());
-  std::vector<JobStatus> all;
-  for (unsigned i = 0; i < jobs; ++i) all.push_back(pool.submit("model", std::to_string(i), "", "a", 20));
+  std::vector<JobRecord> all;
+  for (unsigned i = 0; i < jobs; ++i) all.push_back(pool.submit(asks(), std::to_string(i), "a", 20));
   let_end({"everything"});
-  for (const JobStatus& job : all) EXPECT_EQ(over(pool, job), "succeeded");
-  for (const JobStatus& job : all) EXPECT_LE(std::ranges::count(started, job.record.result_id), 2);
+  for (const JobRecord& job : all) EXPECT_EQ(over(pool, job), "succeeded");
+  for (const JobRecord& job : all) EXPECT_LE(std::ranges::count(started, job.result_id), 2);
   EXPECT_EQ(pool.load().memory_bytes, 0U);
 }
 
 TEST_F(Admission, AJobThatGaveItsTurnBackCanBeCancelled) {
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  const JobStatus grows = start_growing(pool);
+  const JobRecord grows = start_growing(pool);
   await(pool, grows, JobState::queued);
-  EXPECT_EQ(pool.cancel(grows.record.id, "b")->record.state, JobState::cancelled);
+  EXPECT_EQ(pool.cancel(grows.id, "b")->state, JobState::cancelled);
   EXPECT_EQ(pool.load().memory_bytes, 40U);
 }
 
 TEST_F(Admission, RequestsTakeMemoryFromTheSameBudget) {
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 128}, catalog, blobs, runner());
-  const JobStatus job = pool.submit("model", "100", "", "a", 100);
+  const JobRecord job = pool.submit(asks(), "100", "a", 100);
   await_started(1);
   EXPECT_EQ(error_of([&] { pool.reserve(129, 60s); }), ErrorCode::unusable);
   EXPECT_EQ(error_of([&] { pool.reserve(29, 1ms); }), ErrorCode::busy);
@@ -216,8 +217,8 @@ TEST_F(Admission, RequestsTakeMemoryFromTheSameBudget) {
   let_end({"100"});
   over(pool, job);
   const JobPool::Memory all = pool.reserve(128, 60s);
-  const JobStatus waits = pool.submit("model", "waits", "", "a", 1);
-  EXPECT_EQ(pool.wait(waits.record.id, 50ms).record.state, JobState::queued);
+  const JobRecord waits = pool.submit(asks(), "waits", "a", 1);
+  EXPECT_EQ(pool.wait(waits.id, 50ms).state, JobState::queued);
 }
 
 TEST_F(Admission, SmallRequestsDoNotWaitBehindLargeOnes) {
@@ -232,13 +233,13 @@ TEST_F(Admission, SmallRequestsDoNotWaitBehindLargeOnes) {
 
 TEST_F(Admission, ARequestThatWaitsComesBeforeJobsThatDo) {
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 128}, catalog, blobs, runner());
-  pool.submit("model", "100", "", "a", 100);
+  pool.submit(asks(), "100", "a", 100);
   await_started(1);
   std::optional<JobPool::Memory> held;
   std::jthread request([&] { held = pool.reserve(100, 60s); });
   while (pool.load().reserving == 0) std::this_thread::yield();
-  const JobStatus job = pool.submit("model", "20", "", "b", 20);
-  EXPECT_EQ(pool.wait(job.record.id, 50ms).record.state, JobState::queued);
+  const JobRecord job = pool.submit(asks(), "20", "b", 20);
+  EXPECT_EQ(pool.wait(job.id, 50ms).state, JobState::queued);
   let_end({"everything"});
   request.join();
   EXPECT_EQ(over(pool, job), "succeeded");
@@ -264,11 +265,11 @@ TEST_F(Admission, WaitingForMemoryEndsWithTheRequestAndWithThePool) {
 
 TEST_F(Admission, CancellingTheNextLetsTheOneAfterStart) {
   JobPool pool({.jobs_at_once = 2, .memory_bytes = 100}, catalog, blobs, runner());
-  pool.submit("model", "60", "", "a", 60);
+  pool.submit(asks(), "60", "a", 60);
   await_started(1);
-  const JobStatus large = pool.submit("model", "50", "", "b", 50);
-  pool.submit("model", "10", "", "c", 10);
-  pool.cancel(large.record.id, "b");
+  const JobRecord large = pool.submit(asks(), "50", "b", 50);
+  pool.submit(asks(), "10", "c", 10);
+  pool.cancel(large.id, "b");
   EXPECT_EQ(await_started(2), (Names{"60", "10"}));
 }
 

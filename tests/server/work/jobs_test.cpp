@@ -20,6 +20,8 @@ namespace spherule::server {
 namespace {
 
 using namespace std::chrono_literals;
+using test::asked;
+using test::asks;
 using test::error_of;
 
 constexpr auto forever = 60s;
@@ -56,7 +58,7 @@ class Jobs : public testing::Test {
     job.id = id;
     job.kind = "model";
     job.result_id = "mdl_" + id;
-    job.request = id;
+    job.request = asks(id);
     job.state = state;
     job.crashes = crashes;
     job.created = now();
@@ -68,8 +70,8 @@ class Jobs : public testing::Test {
     Resource result;
     result.id = job.result_id;
     result.collection = "models";
-    result.document = job.request;
-    result.blobs = {blobs.put("models/x", job.request)};
+    result.document = asked(job);
+    result.blobs = {blobs.put("models/x", asked(job))};
     return result;
   }
 
@@ -90,7 +92,7 @@ class Jobs : public testing::Test {
       const JobEvents news = pool.events(id, seen, forever);
       for (const JobEvent& event : news.events)
         if (event.state == state) return;
-      ASSERT_FALSE(news.over || news.events.empty()) << "never " << to_string(state);
+      ASSERT_FALSE(news.over || news.events.empty()) << "never " << api::name(state);
       seen = news.events.back().number;
     }
   }
@@ -98,16 +100,16 @@ class Jobs : public testing::Test {
 
 TEST_F(Jobs, SucceedsWithADurableResult) {
   JobPool pool({}, catalog, blobs, at_once());
-  const JobStatus accepted = pool.submit("model", "mdl_1", "{}");
-  EXPECT_TRUE(is_id("job", accepted.record.id));
-  EXPECT_EQ(accepted.record.requesters, std::set<std::string>{""});
-  const JobStatus done = pool.wait(accepted.record.id, forever);
-  EXPECT_EQ(done.record.state, JobState::succeeded);
-  EXPECT_EQ(done.record.progress, 1);
-  EXPECT_TRUE(done.record.started && done.record.finished);
-  EXPECT_LE(*done.record.started, *done.record.finished);
+  const JobRecord accepted = pool.submit(asks("{}"), "mdl_1");
+  EXPECT_TRUE(is_id("job", accepted.id));
+  EXPECT_EQ(accepted.requesters, std::set<std::string>{""});
+  const JobRecord done = pool.wait(accepted.id, forever);
+  EXPECT_EQ(done.state, JobState::succeeded);
+  EXPECT_EQ(done.progress, 1);
+  EXPECT_TRUE(done.started && done.finished);
+  EXPECT_LE(*done.started, *done.finished);
   EXPECT_EQ(blobs.read(catalog.find("mdl_1")->blobs.at(0)), "{}");
-  EXPECT_EQ(catalog.find_job(accepted.record.id)->state, JobState::succeeded);
+  EXPECT_EQ(catalog.find_job(accepted.id)->state, JobState::succeeded);
   EXPECT_EQ(error_of([&] { (void)pool.status("job_none"); }), ErrorCode::not_found);
   EXPECT_EQ(error_of([&] { (void)pool.wait("job_none", 0ms); }), ErrorCode::not_found);
   EXPECT_EQ(error_of([&] { (void)pool.events("job_none", 0, 0ms); }), ErrorCode::not_found);
@@ -120,18 +122,18 @@ TEST_F(Jobs, FailsWithTheErrorsSentenceAndHidesFaults) {
       {}, catalog, blobs,
       [](const JobRecord& job, JobContext& context) -> Resource {
         context.context(0, 1).report("boundary", 0.5);
-        if (job.request == "error") throw Error(ErrorCode::unusable, "There is no object at this threshold.");
-        if (job.request == "memory") throw std::bad_alloc();
-        if (job.request == "odd") throw 7;
+        if (asked(job) == "error") throw Error(ErrorCode::unusable, "There is no object at this threshold.");
+        if (asked(job) == "memory") throw std::bad_alloc();
+        if (asked(job) == "odd") throw 7;
         throw std::runtime_error("/etc/secret: bug");
       },
       [&](const std::string&, const std::string& what) { logged += what + "\n"; });
   const auto fate = [&](const char* request) {
-    const JobStatus over = pool.wait(pool.submit("model", request, request).record.id, forever);
-    EXPECT_EQ(over.record.state, JobState::failed);
-    EXPECT_EQ(over.record.stage, "boundary");
-    EXPECT_EQ(over.record.progress, 0.5);
-    return over.record.error.value();
+    const JobRecord over = pool.wait(pool.submit(asks(request), request).id, forever);
+    EXPECT_EQ(over.state, JobState::failed);
+    EXPECT_EQ(over.stage, "boundary");
+    EXPECT_EQ(over.progress, 0.5);
+    return over.error.value();
   };
   EXPECT_EQ(fate("error").code, ErrorCode::unusable);
   EXPECT_EQ(fate("error").sentence, "There is no object at this threshold.");
@@ -150,20 +152,20 @@ TEST_F(Jobs, TheQueueIsBoundedAndInOrder) {
     order.push_back(job.result_id);  // one worker: no race
     return result_of(job);
   });
-  const std::string running = pool.submit("model", "a", "").record.id;
+  const std::string running = pool.submit(asks(), "a").id;
   await_state(pool, running, JobState::running);
-  const JobStatus next = pool.submit("model", "b", "");
-  const JobStatus last = pool.submit("model", "c", "");
+  const JobRecord next = pool.submit(asks(), "b");
+  const JobRecord last = pool.submit(asks(), "c");
   EXPECT_EQ(next.queue_position, 0U);
   EXPECT_EQ(last.queue_position, 1U);
   EXPECT_FALSE(pool.status(running).queue_position);
   EXPECT_EQ(pool.load().queued, 2U);
   EXPECT_EQ(pool.load().running, 1U);
-  EXPECT_EQ(error_of([&] { pool.submit("model", "d", ""); }), ErrorCode::busy);
-  EXPECT_FALSE(error_of([&] { pool.submit("model", "c", ""); })) << "joining needs no place";
+  EXPECT_EQ(error_of([&] { pool.submit(asks(), "d"); }), ErrorCode::busy);
+  EXPECT_FALSE(error_of([&] { pool.submit(asks(), "c"); })) << "joining needs no place";
   EXPECT_EQ(pool.list("", 10).items.size(), 3U);
   gate.open();
-  EXPECT_EQ(pool.wait(last.record.id, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(last.id, forever).state, JobState::succeeded);
   EXPECT_EQ(order, (std::vector<std::string>{"a", "b", "c"}));
 }
 
@@ -176,25 +178,25 @@ TEST_F(Jobs, NobodyWaitsForAnotherJobToBeStored) {
     if (job.result_id == "b") gate.pass(context.context(0, 1));
     return result_of(job);
   });
-  const std::string first = pool.submit("model", "a", "").record.id;
+  const std::string first = pool.submit(asks(), "a").id;
   pool.wait(first, forever);
   std::string second, same;
   {
     sqlite::Connection other(folder.path() / "catalog.sqlite", sqlite::Connection::Mode::write);
     other.run("BEGIN IMMEDIATE");
-    std::jthread submits([&] { second = pool.submit("model", "b", "", "ann").record.id; });
+    std::jthread submits([&] { second = pool.submit(asks(), "b", "ann").id; });
     const auto late = std::chrono::steady_clock::now() + 4s;  // before the catalogue gives up
     while (pool.load().queued == 0 && std::chrono::steady_clock::now() < late) std::this_thread::yield();
     EXPECT_EQ(pool.load().queued, 1U);
-    EXPECT_EQ(pool.status(first).record.state, JobState::succeeded);
+    EXPECT_EQ(pool.status(first).state, JobState::succeeded);
     EXPECT_TRUE(pool.events(first, 0, 0ms).over);
-    std::jthread joins([&] { same = pool.submit("model", "b", "", "ben").record.id; });
+    std::jthread joins([&] { same = pool.submit(asks(), "b", "ben").id; });
     other.run("ROLLBACK");
   }
   EXPECT_EQ(second, same);
-  EXPECT_EQ(pool.status(second).record.requesters, (std::set<std::string>{"ann", "ben"}));
+  EXPECT_EQ(pool.status(second).requesters, (std::set<std::string>{"ann", "ben"}));
   gate.open();
-  EXPECT_EQ(pool.wait(second, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(second, forever).state, JobState::succeeded);
 }
 
 TEST_F(Jobs, IdenticalRequestsShareOneJob) {
@@ -205,20 +207,20 @@ TEST_F(Jobs, IdenticalRequestsShareOneJob) {
     gate.pass(context.context(0, 1));
     return result_of(job);
   });
-  const std::string id = pool.submit("model", "same", "", "ann").record.id;
+  const std::string id = pool.submit(asks(), "same", "ann").id;
   await_state(pool, id, JobState::running);
-  const JobStatus joined = pool.submit("model", "same", "", "ben");
+  const JobRecord joined = pool.submit(asks(), "same", "ben");
   const std::set<std::string> both{"ann", "ben"};
-  EXPECT_EQ(joined.record.id, id);
-  EXPECT_EQ(joined.record.requesters, both);
+  EXPECT_EQ(joined.id, id);
+  EXPECT_EQ(joined.requesters, both);
   EXPECT_EQ(catalog.find_job(id)->requesters, both);
   gate.open();
-  EXPECT_EQ(pool.wait(id, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(id, forever).state, JobState::succeeded);
   EXPECT_EQ(runs, 1);
   // A request that comes too late to join finds the result made.
-  const JobStatus late = pool.submit("model", "same", "");
-  EXPECT_NE(late.record.id, id);
-  EXPECT_EQ(pool.wait(late.record.id, forever).record.state, JobState::succeeded);
+  const JobRecord late = pool.submit(asks(), "same");
+  EXPECT_NE(late.id, id);
+  EXPECT_EQ(pool.wait(late.id, forever).state, JobState::succeeded);
   EXPECT_EQ(runs, 1);
   EXPECT_EQ(blobs.keys().size(), 1U);
 }
@@ -226,13 +228,13 @@ TEST_F(Jobs, IdenticalRequestsShareOneJob) {
 TEST_F(Jobs, CancellingDetachesAndStopsWithTheLast) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const std::string id = pool.submit("model", "a", "", "ann").record.id;
+  const std::string id = pool.submit(asks(), "a", "ann").id;
   await_state(pool, id, JobState::running);
-  pool.submit("model", "a", "", "ben");
-  EXPECT_EQ(pool.cancel(id, "ann")->record.state, JobState::running);
-  EXPECT_EQ(pool.status(id).record.requesters, std::set<std::string>{"ben"});
-  EXPECT_EQ(pool.cancel(id, "ben")->record.state, JobState::cancelling);
-  EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled);
+  pool.submit(asks(), "a", "ben");
+  EXPECT_EQ(pool.cancel(id, "ann")->state, JobState::running);
+  EXPECT_EQ(pool.status(id).requesters, std::set<std::string>{"ben"});
+  EXPECT_EQ(pool.cancel(id, "ben")->state, JobState::cancelling);
+  EXPECT_EQ(pool.wait(id, forever).state, JobState::cancelled);
   EXPECT_EQ(catalog.find_job(id)->state, JobState::cancelled);
   EXPECT_EQ(error_of([&] { pool.cancel(id, "ben"); }), ErrorCode::conflict);
   EXPECT_FALSE(catalog.find("a"));
@@ -242,18 +244,18 @@ TEST_F(Jobs, CancellingDetachesAndStopsWithTheLast) {
 TEST_F(Jobs, AClientIsOneRequesterHoweverOftenItAsks) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const auto ask = [&](const char* client) { return pool.submit("render", "a", "", client).record; };
+  const auto ask = [&](const char* client) { return pool.submit(asks(), "a", client); };
   const std::string id = ask("ann").id;
   await_state(pool, id, JobState::running);
   for (int i = 0; i < 10; ++i) EXPECT_EQ(ask("ann").requesters.size(), 1U);
   EXPECT_EQ(ask("ben").requesters.size(), 2U);
   EXPECT_EQ(ask("ben").requesters.size(), 2U);
-  EXPECT_EQ(pool.cancel(id, "ann")->record.requesters, std::set<std::string>{"ben"});
+  EXPECT_EQ(pool.cancel(id, "ann")->requesters, std::set<std::string>{"ben"});
   EXPECT_FALSE(pool.cancel(id, "ann")) << "it wants nothing any more";
   EXPECT_EQ(ask("ann").requesters.size(), 2U) << "one that left may come back";
   pool.cancel(id, "ann");
-  EXPECT_EQ(pool.cancel(id, "ben")->record.state, JobState::cancelling);
-  EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled);
+  EXPECT_EQ(pool.cancel(id, "ben")->state, JobState::cancelling);
+  EXPECT_EQ(pool.wait(id, forever).state, JobState::cancelled);
 }
 
 TEST_F(Jobs, OnlyRequestersCancel) {
@@ -261,25 +263,25 @@ TEST_F(Jobs, OnlyRequestersCancel) {
   std::string running, queued;
   {
     JobPool pool({}, catalog, blobs, behind(gate));
-    running = pool.submit("model", "a", "", "ann").record.id;
-    pool.submit("model", "a", "", "ben");
+    running = pool.submit(asks(), "a", "ann").id;
+    pool.submit(asks(), "a", "ben");
     await_state(pool, running, JobState::running);
-    queued = pool.submit("model", "b", "", "ann").record.id;
+    queued = pool.submit(asks(), "b", "ann").id;
     for (const std::string& id : {running, queued}) {
       EXPECT_FALSE(pool.cancel(id, "eve"));
-      EXPECT_FALSE(is_over(pool.status(id).record.state));
+      EXPECT_FALSE(is_over(pool.status(id).state));
     }
   }
   // The next process knows who they were.
   JobPool pool({}, catalog, blobs, behind(gate));
   await_state(pool, running, JobState::running);
   EXPECT_FALSE(pool.cancel(running, "eve"));
-  EXPECT_EQ(pool.cancel(running, "ben")->record.requesters, std::set<std::string>{"ann"});
-  EXPECT_EQ(pool.cancel_for_all(running).record.state, JobState::cancelling);
-  EXPECT_EQ(pool.cancel_for_all(queued).record.state, JobState::cancelled);
+  EXPECT_EQ(pool.cancel(running, "ben")->requesters, std::set<std::string>{"ann"});
+  EXPECT_EQ(pool.cancel_for_all(running).state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel_for_all(queued).state, JobState::cancelled);
   EXPECT_EQ(error_of([&] { pool.cancel_for_all(queued); }), ErrorCode::conflict);
   EXPECT_EQ(error_of([&] { pool.cancel_for_all("job_none"); }), ErrorCode::not_found);
-  EXPECT_EQ(pool.wait(running, forever).record.state, JobState::cancelled);
+  EXPECT_EQ(pool.wait(running, forever).state, JobState::cancelled);
 }
 
 TEST_F(Jobs, AJobThatRunsTooLongFailsAndMakesRoom) {
@@ -297,57 +299,57 @@ TEST_F(Jobs, AJobThatRunsTooLongFailsAndMakesRoom) {
     return result_of(job);
   });
   for (const char* work : {"odd", "endless"}) {
-    const JobStatus late = pool.wait(pool.submit("model", work, "").record.id, forever);
-    EXPECT_EQ(late.record.state, JobState::failed);
-    ASSERT_TRUE(late.record.error);
-    EXPECT_EQ(late.record.error->code, ErrorCode::too_large);
-    EXPECT_NE(late.record.error->sentence.find("after 1 s"), std::string::npos) << late.record.error->sentence;
-    EXPECT_NE(late.record.error->sentence.find("max_job_s"), std::string::npos);
+    const JobRecord late = pool.wait(pool.submit(asks(), work).id, forever);
+    EXPECT_EQ(late.state, JobState::failed);
+    ASSERT_TRUE(late.error);
+    EXPECT_EQ(late.error->code, ErrorCode::too_large);
+    EXPECT_NE(late.error->sentence.find("after 1 s"), std::string::npos) << late.error->sentence;
+    EXPECT_NE(late.error->sentence.find("max_job_s"), std::string::npos);
   }
-  EXPECT_EQ(pool.wait(pool.submit("model", "quick", "").record.id, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(pool.submit(asks(), "quick").id, forever).state, JobState::succeeded);
   EXPECT_EQ(pool.load().running, 0U);
 }
 
 TEST_F(Jobs, WorkWithoutPurposeEndsWithTheReason) {
   Gate never, gate;
   JobPool pool({.jobs_at_once = 2}, catalog, blobs, [&](const JobRecord& job, JobContext& context) {
-    (job.request == "vol_1" ? never : gate).pass(context.context(0, 1));
+    (asked(job) == "vol_1" ? never : gate).pass(context.context(0, 1));
     return result_of(job);
   });
-  const std::string gone = pool.submit("model", "a", "vol_1").record.id;
-  const std::string other = pool.submit("model", "b", "vol_2").record.id;
+  const std::string gone = pool.submit(asks("vol_1"), "a").id;
+  const std::string other = pool.submit(asks("vol_2"), "b").id;
   await_state(pool, gone, JobState::running);
   await_state(pool, other, JobState::running);
-  const std::string queued = pool.submit("model", "c", "vol_1").record.id;
-  const std::string last = pool.submit("model", "d", "vol_2").record.id;
+  const std::string queued = pool.submit(asks("vol_1"), "c").id;
+  const std::string last = pool.submit(asks("vol_2"), "d").id;
   JobState heard{};
   {
-    std::jthread waiter([&] { heard = pool.wait(gone, forever).record.state; });
-    pool.abandon([](const JobRecord& job) { return job.request == "vol_1"; },
+    std::jthread waiter([&] { heard = pool.wait(gone, forever).state; });
+    pool.abandon([](const JobRecord& job) { return asked(job) == "vol_1"; },
                  {ErrorCode::conflict, "What it is made from was deleted."});
   }
   EXPECT_EQ(heard, JobState::failed);
   for (const std::string& id : {gone, queued}) {
-    const JobStatus over = pool.wait(id, forever);
-    EXPECT_EQ(over.record.state, JobState::failed);
-    EXPECT_EQ(over.record.error->code, ErrorCode::conflict);
+    const JobRecord over = pool.wait(id, forever);
+    EXPECT_EQ(over.state, JobState::failed);
+    EXPECT_EQ(over.error->code, ErrorCode::conflict);
     EXPECT_EQ(catalog.find_job(id)->error->sentence, "What it is made from was deleted.");
   }
   gate.open();
-  EXPECT_EQ(pool.wait(other, forever).record.state, JobState::succeeded);
-  EXPECT_EQ(pool.wait(last, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(other, forever).state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(last, forever).state, JobState::succeeded);
 }
 
 TEST_F(Jobs, AQueuedJobIsCancelledAtOnce) {
   Gate gate;
   JobPool pool({.queue_length = 1}, catalog, blobs, behind(gate));
-  const std::string running = pool.submit("model", "a", "").record.id;
+  const std::string running = pool.submit(asks(), "a").id;
   await_state(pool, running, JobState::running);
-  const std::string waiting = pool.submit("model", "b", "").record.id;
-  EXPECT_EQ(pool.cancel(waiting)->record.state, JobState::cancelled);
+  const std::string waiting = pool.submit(asks(), "b").id;
+  EXPECT_EQ(pool.cancel(waiting)->state, JobState::cancelled);
   EXPECT_EQ(pool.load().queued, 0U);
-  EXPECT_EQ(pool.status(running).record.state, JobState::running);
-  EXPECT_FALSE(error_of([&] { pool.submit("model", "b", ""); })) << "its place is free again";
+  EXPECT_EQ(pool.status(running).state, JobState::running);
+  EXPECT_FALSE(error_of([&] { pool.submit(asks(), "b"); })) << "its place is free again";
   gate.open();
 }
 
@@ -361,15 +363,15 @@ TEST_F(Jobs, ARequestAfterCancellingStartsAnew) {
     }
     return result_of(job);
   });
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   entered.wait();
-  EXPECT_EQ(pool.cancel(id)->record.state, JobState::cancelling);
-  EXPECT_EQ(pool.cancel(id)->record.state, JobState::cancelling);
-  const std::string again = pool.submit("model", "a", "").record.id;
+  EXPECT_EQ(pool.cancel(id)->state, JobState::cancelling);
+  EXPECT_EQ(pool.cancel(id)->state, JobState::cancelling);
+  const std::string again = pool.submit(asks(), "a").id;
   EXPECT_NE(again, id);
-  EXPECT_EQ(pool.wait(again, forever).record.state, JobState::succeeded);
+  EXPECT_EQ(pool.wait(again, forever).state, JobState::succeeded);
   stubborn.count_down();
-  EXPECT_EQ(pool.wait(id, forever).record.state, JobState::cancelled) << "though it returned a result";
+  EXPECT_EQ(pool.wait(id, forever).state, JobState::cancelled) << "though it returned a result";
   pool.stop(forever);
   EXPECT_EQ(blobs.keys(), catalog.find("a")->blobs);
 }
@@ -384,13 +386,13 @@ TEST_F(Jobs, ProgressNeverGoesBackAndHasBoundedEvents) {
     EXPECT_EQ(first.threads, 3U);
     const auto report = [&](const Context& c, const char* stage, double fraction) {
       c.report(stage, fraction);
-      seen.push_back(pool_of_runner->status(job.id).record.progress);
+      seen.push_back(pool_of_runner->status(job.id).progress);
     };
     report(first, "boundary", 0.5);
     report(first, "boundary", 0.25);
     report(first, "boundary", std::nan(""));
     report(first, "boundary", 7);
-    EXPECT_EQ(pool_of_runner->status(job.id).record.stage, "boundary");
+    EXPECT_EQ(pool_of_runner->status(job.id).stage, "boundary");
     for (int i = 0; i <= 10'000; ++i) second.report("delaunay", i / 10'000.0 / 2);
     report(second, "delaunay", 0.5);
     EXPECT_TRUE(pool_of_runner->status(job.id).remaining_s);
@@ -398,13 +400,13 @@ TEST_F(Jobs, ProgressNeverGoesBackAndHasBoundedEvents) {
     return result_of(job);
   });
   pool_of_runner = &pool;
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   ready.open();
-  const JobStatus done = pool.wait(id, forever);
+  const JobRecord done = pool.wait(id, forever);
   EXPECT_EQ(seen, (std::vector<double>{0.125, 0.125, 0.125, 0.25, 0.625}));
-  EXPECT_EQ(done.record.warnings.size(), 100U);
-  EXPECT_EQ(done.record.warnings.at(7), "Warning 7.");
-  EXPECT_EQ(done.record.stage, "delaunay");
+  EXPECT_EQ(done.warnings.size(), 100U);
+  EXPECT_EQ(done.warnings.at(7), "Warning 7.");
+  EXPECT_EQ(done.stage, "delaunay");
   const JobEvents all = pool.events(id, 0, 0ms);
   EXPECT_TRUE(all.over);
   EXPECT_EQ(all.events.size(), 2U + 1U + 100U + 1U);  // queued, running; one of progress; warnings; end
@@ -418,7 +420,7 @@ TEST_F(Jobs, EventsCanBeFollowedAndResumed) {
     gate.pass();
     return result_of(job);
   });
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   std::vector<JobEvent> followed;
   std::uint64_t last = 0;
   for (bool over = false; !over;) {
@@ -453,9 +455,9 @@ TEST_F(Jobs, EventsCanBeFollowedAndResumed) {
 TEST_F(Jobs, WaitingEndsWithTheTime) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   await_state(pool, id, JobState::running);
-  EXPECT_EQ(pool.wait(id, 1ms).record.state, JobState::running);
+  EXPECT_EQ(pool.wait(id, 1ms).state, JobState::running);
   const std::uint64_t last = pool.events(id, 0, 0ms).events.back().number;
   const JobEvents none = pool.events(id, last, 1ms);
   EXPECT_TRUE(none.events.empty());
@@ -468,23 +470,23 @@ TEST_F(Jobs, StoppingKeepsUnfinishedJobsForTheNextStart) {
   std::string running, queued;
   {
     JobPool pool({}, catalog, blobs, behind(never));
-    running = pool.submit("model", "a", "A").record.id;
+    running = pool.submit(asks("A"), "a").id;
     await_state(pool, running, JobState::running);
-    queued = pool.submit("model", "b", "B").record.id;
+    queued = pool.submit(asks("B"), "b").id;
     std::jthread waiter([&] { pool.wait(queued, forever); });  // is woken, or this test takes a minute
     pool.stop(0ms);
-    EXPECT_EQ(error_of([&] { pool.submit("model", "c", ""); }), ErrorCode::busy);
-    EXPECT_EQ(pool.status(running).record.state, JobState::queued);
+    EXPECT_EQ(error_of([&] { pool.submit(asks(), "c"); }), ErrorCode::busy);
+    EXPECT_EQ(pool.status(running).state, JobState::queued);
   }
   EXPECT_EQ(catalog.find_job(running)->state, JobState::queued);
   EXPECT_EQ(catalog.find_job(queued)->state, JobState::queued);
   {
     JobPool pool({.queue_length = 1}, catalog, blobs, at_once());
-    EXPECT_EQ(pool.wait(running, forever).record.state, JobState::succeeded);
-    const JobStatus done = pool.wait(queued, forever);
-    EXPECT_EQ(done.record.state, JobState::succeeded);
-    EXPECT_EQ(done.record.attempts, 2U);
-    EXPECT_EQ(done.record.crashes, 0U);
+    EXPECT_EQ(pool.wait(running, forever).state, JobState::succeeded);
+    const JobRecord done = pool.wait(queued, forever);
+    EXPECT_EQ(done.state, JobState::succeeded);
+    EXPECT_EQ(done.attempts, 2U);
+    EXPECT_EQ(done.crashes, 0U);
     EXPECT_GT(pool.events(queued, 0, 0ms).events.front().number, std::uint64_t{2} << 32);
   }
   EXPECT_EQ(catalog.find("b")->document, "B");
@@ -493,22 +495,22 @@ TEST_F(Jobs, StoppingKeepsUnfinishedJobsForTheNextStart) {
 TEST_F(Jobs, StoppingLetsRunningJobsFinishWithinTheGrace) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const std::string running = pool.submit("model", "a", "").record.id;
+  const std::string running = pool.submit(asks(), "a").id;
   await_state(pool, running, JobState::running);
-  const std::string queued = pool.submit("model", "b", "").record.id;
+  const std::string queued = pool.submit(asks(), "b").id;
   std::jthread opener([&] {
     pool.wait(running, forever);  // returns when the pool stops
     gate.open();
   });
   pool.stop(forever);
-  EXPECT_EQ(pool.status(running).record.state, JobState::succeeded);
-  EXPECT_EQ(pool.status(queued).record.state, JobState::queued);
+  EXPECT_EQ(pool.status(running).state, JobState::succeeded);
+  EXPECT_EQ(pool.status(queued).state, JobState::queued);
 }
 
 TEST_F(Jobs, StreamsEndWhenThePoolStops) {
   Gate gate;
   JobPool pool({}, catalog, blobs, behind(gate));
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   await_state(pool, id, JobState::running);
   const std::uint64_t last = pool.events(id, 0, 0ms).events.back().number;
   EXPECT_FALSE(pool.events(id, last, 0ms).stopping);
@@ -529,7 +531,7 @@ TEST_F(Jobs, StoppingDoesNotWaitForTheDeaf) {
     heard.wait();
     return result_of(job);
   });
-  const std::string id = pool.submit("model", "a", "").record.id;
+  const std::string id = pool.submit(asks(), "a").id;
   entered.wait();
   const auto start = std::chrono::steady_clock::now();
   EXPECT_FALSE(pool.stop(0ms));
@@ -544,10 +546,10 @@ TEST_F(Jobs, NothingThatIsThrownEndsTheProcess) {
   JobPool pool(
       {}, catalog, blobs,
       [&](const JobRecord& job, JobContext&) -> Resource {
-        if (job.request == "int") throw 7;
-        if (job.request == "defect") SPHERULE_CHECK(false);
-        if (job.request == "memory") throw std::bad_alloc();
-        if (job.request == "other id") return {};
+        if (asked(job) == "int") throw 7;
+        if (asked(job) == "defect") SPHERULE_CHECK(false);
+        if (asked(job) == "memory") throw std::bad_alloc();
+        if (asked(job) == "other id") return {};
         return result_of(job);
       },
       [](const std::string&, const std::string&) { throw std::runtime_error("the log is full"); },
@@ -557,8 +559,8 @@ TEST_F(Jobs, NothingThatIsThrownEndsTheProcess) {
       });
   const std::vector<const char*> fates = {"int", "defect", "memory", "other id"};
   for (const char* fate : fates)
-    EXPECT_EQ(pool.wait(pool.submit("model", fate, fate).record.id, forever).record.state, JobState::failed) << fate;
-  EXPECT_EQ(pool.wait(pool.submit("model", "good", "").record.id, forever).record.state, JobState::succeeded);
+    EXPECT_EQ(pool.wait(pool.submit(asks(fate), fate).id, forever).state, JobState::failed) << fate;
+  EXPECT_EQ(pool.wait(pool.submit(asks(), "good").id, forever).state, JobState::succeeded);
   EXPECT_EQ(ends, 5);
 }
 
@@ -576,11 +578,10 @@ TEST_F(Jobs, TheSecondCrashIsTheLastAndBlamesNobodyElse) {
     --at_work;
     return result_of(job);
   });
-  const JobStatus failed = pool.status("twice");
-  EXPECT_EQ(failed.record.state, JobState::failed);
-  EXPECT_NE(failed.record.error->sentence.find(" 2 times"), std::string::npos) << failed.record.error->sentence;
-  for (const char* id : {"once", "beside", "new"})
-    EXPECT_EQ(pool.wait(id, forever).record.state, JobState::succeeded) << id;
+  const JobRecord failed = pool.status("twice");
+  EXPECT_EQ(failed.state, JobState::failed);
+  EXPECT_NE(failed.error->sentence.find(" 2 times"), std::string::npos) << failed.error->sentence;
+  for (const char* id : {"once", "beside", "new"}) EXPECT_EQ(pool.wait(id, forever).state, JobState::succeeded) << id;
   EXPECT_EQ(most_with_suspects, 1) << "what may have ended the process runs alone";
 }
 
@@ -590,13 +591,13 @@ TEST_F(Jobs, TakesUpWhatACrashLeft) {
   leave("deadly", JobState::running, 2);
   leave("cancelling", JobState::cancelling, 0);
   const JobPool pool({.crash_limit = 3}, catalog, blobs, at_once());
-  EXPECT_EQ(pool.wait("queued", forever).record.state, JobState::succeeded);
-  const JobStatus again = pool.wait("running", forever);
-  EXPECT_EQ(again.record.state, JobState::succeeded);
-  EXPECT_EQ(again.record.crashes, 2U);
-  EXPECT_EQ(pool.status("deadly").record.state, JobState::failed);
-  EXPECT_EQ(pool.status("deadly").record.error->code, ErrorCode::unusable);
-  EXPECT_EQ(pool.status("cancelling").record.state, JobState::cancelled);
+  EXPECT_EQ(pool.wait("queued", forever).state, JobState::succeeded);
+  const JobRecord again = pool.wait("running", forever);
+  EXPECT_EQ(again.state, JobState::succeeded);
+  EXPECT_EQ(again.crashes, 2U);
+  EXPECT_EQ(pool.status("deadly").state, JobState::failed);
+  EXPECT_EQ(pool.status("deadly").error->code, ErrorCode::unusable);
+  EXPECT_EQ(pool.status("cancelling").state, JobState::cancelled);
   EXPECT_FALSE(catalog.find("mdl_deadly") || catalog.find("mdl_cancelling"));
 }
 
@@ -611,9 +612,9 @@ TEST_F(Jobs, AnInputDeletedMeanwhileFailsTheJobAndItsBlobsGo) {
     (void)catalog.erase("vol_1");
     return result;
   });
-  const JobStatus over = pool.wait(pool.submit("model", "a", "").record.id, forever);
-  EXPECT_EQ(over.record.state, JobState::failed);
-  EXPECT_EQ(over.record.error->code, ErrorCode::conflict);
+  const JobRecord over = pool.wait(pool.submit(asks(), "a").id, forever);
+  EXPECT_EQ(over.state, JobState::failed);
+  EXPECT_EQ(over.error->code, ErrorCode::conflict);
   pool.stop(forever);
   EXPECT_TRUE(blobs.keys().empty());
 }
@@ -627,8 +628,8 @@ TEST_F(Jobs, AFullStoreFailsTheJob) {
     result.blobs = {faulty.put("models/x", "bytes")};
     return result;
   });
-  const JobStatus over = pool.wait(pool.submit("model", "a", "").record.id, forever);
-  EXPECT_EQ(over.record.error->code, ErrorCode::no_space);
+  const JobRecord over = pool.wait(pool.submit(asks(), "a").id, forever);
+  EXPECT_EQ(over.error->code, ErrorCode::no_space);
 }
 
 // The catalogue can store neither the result nor the failure: this process says so, and the next one tries again.
@@ -647,11 +648,11 @@ TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
     std::string id;
     {
       JobPool pool({}, catalog, blobs, runner);
-      id = pool.submit("model", "a", "").record.id;
-      const JobStatus failed = pool.wait(id, forever);
-      if (failed.record.state != JobState::failed || failed.record.error->code != ErrorCode::no_space)
+      id = pool.submit(asks(), "a").id;
+      const JobRecord failed = pool.wait(id, forever);
+      if (failed.state != JobState::failed || failed.error->code != ErrorCode::no_space)
         return "the job did not fail for lack of space";
-      if (error_of([&] { pool.submit("model", "b", std::string(100'000, 'r')); }) != ErrorCode::no_space)
+      if (error_of([&] { pool.submit(asks(std::string(100'000, 'r')), "b"); }) != ErrorCode::no_space)
         return "a job was accepted that could not be stored";
     }
     if (catalog.find("a")) return "half a result";
@@ -659,7 +660,7 @@ TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
     full = false;
     std::filesystem::remove(disk / "filler");
     const JobPool pool({}, catalog, blobs, runner);
-    const JobState fate = pool.wait(id, forever).record.state;
+    const JobState fate = pool.wait(id, forever).state;
     if (fate != (failure_stored ? JobState::failed : JobState::succeeded)) return "the job was not run again";
     return "";
   });
@@ -668,14 +669,14 @@ TEST(JobsOnAFullDisk, FailNowAndRunAgainLater) {
 TEST_F(Jobs, OldFinishedJobsAreReadFromTheCatalogue) {
   JobPool pool({.queue_length = 1000}, catalog, blobs, at_once());
   std::vector<std::string> all;
-  for (int i = 0; i < 400; ++i) all.push_back(pool.submit("model", "m" + std::to_string(i), "").record.id);
+  for (int i = 0; i < 400; ++i) all.push_back(pool.submit(asks(), "m" + std::to_string(i)).id);
   pool.wait(all.back(), forever);
-  for (const std::string& id : all) EXPECT_EQ(pool.status(id).record.state, JobState::succeeded);
+  for (const std::string& id : all) EXPECT_EQ(pool.status(id).state, JobState::succeeded);
   EXPECT_EQ(pool.events(all.front(), 0, 0ms).events.size(), 1U);
   EXPECT_EQ(error_of([&] { pool.cancel(all.front()); }), ErrorCode::conflict);
   std::size_t listed = 0;
   for (std::string cursor;;) {
-    const Page<JobStatus> page = pool.list(cursor, 7);
+    const Page<JobRecord> page = pool.list(cursor, 7);
     listed += page.items.size();
     if (page.next.empty()) break;
     cursor = page.next;
@@ -704,7 +705,7 @@ TEST_F(Jobs, SurviveManyImpatientRequesters) {
         std::mt19937 random(seed);
         for (int i = 0; i < 150; ++i) {
           try {
-            const std::string id = pool.submit("model", "m" + std::to_string(random() % 40), "").record.id;
+            const std::string id = pool.submit(asks(), "m" + std::to_string(random() % 40)).id;
             {
               const std::lock_guard lock(mutex);
               accepted.insert(id);
@@ -721,9 +722,9 @@ TEST_F(Jobs, SurviveManyImpatientRequesters) {
   }
   std::set<std::string> made;
   for (const std::string& id : accepted) {
-    const JobStatus over = pool.wait(id, forever);
-    EXPECT_TRUE(over.record.state == JobState::succeeded || over.record.state == JobState::cancelled);
-    if (over.record.state == JobState::succeeded) made.insert(over.record.result_id);
+    const JobRecord over = pool.wait(id, forever);
+    EXPECT_TRUE(over.state == JobState::succeeded || over.state == JobState::cancelled);
+    if (over.state == JobState::succeeded) made.insert(over.result_id);
   }
   pool.stop(forever);
   EXPECT_EQ(catalog.list("models", "", 1000).items.size(), made.size());
