@@ -20,12 +20,12 @@ struct BoundaryPoints {
 };
 
 /// Finds the crossing of every grid edge whose ends differ, by linear interpolation of the values (half way for labels,
-/// and where an end is NaN or infinite),
-/// rounded to the lattice but never onto a sample: where a sample equals the iso-value the crossing is one lattice unit
-/// (about 2^-14 voxel) away on its edge. So no two points coincide, every sample is strictly on one side, and the count
-/// is the number of crossings. `samples` must come from classify_samples(volume, rule). Order: by owner sample (z, y,
-/// then axis, x); the same for every thread count. O(samples / 64 + points). Throws too_large when there are more than
-/// max_points, before memory is taken. An object without any boundary (all or nothing inside) gives no points.
+/// and where an end is NaN or infinite), rounded to the lattice but never onto a sample: where a sample equals the
+/// iso-value the crossing is one lattice unit (about 2^-14 voxel) away on its edge. So no two points coincide, every
+/// sample is strictly on one side, and the count is the number of crossings. `samples` must come from
+/// classify_samples(volume, rule). Order: by owner sample (z, y, then axis, x); the same for every thread count.
+/// O(samples / 64 + points). Throws too_large when there are more than max_points, before memory is taken. An object
+/// without any boundary (all or nothing inside) gives no points.
 BoundaryPoints extract_boundary(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
                                 std::size_t max_points = std::size_t{1} << 31, const Context& context = {});
 

@@ -58,9 +58,8 @@ class InterpolatedObject {
 
  private:
   // Cells that share a sphere must be decided alike, but their centres differ in the last bits, and on a grid the value
-  // there often equals the iso-value exactly. Whole 2^-6 units are far apart beside
-  // the errors of centres and hold the halves
-  // and quarters at which spheres of a grid are centred.
+  // there often equals the iso-value exactly. Whole 2^-6 units are far apart beside the errors of centres and hold the
+  // halves and quarters at which spheres of a grid are centred.
   static double snapped(double coordinate) { return std::round(coordinate * 0x1p6) * 0x1p-6; }
 
   // The sample planes nearest to a coordinate: twice the same one unless the coordinate is `ambiguous` close to the

@@ -16,8 +16,8 @@ struct Context {
   /// Threads that a stage may use, itself included. At least 1.
   unsigned threads = 1;
 
-  /// Stages poll this at least every few tens of milliseconds, except inside one call of a library
-  /// that cannot be interrupted (each such place says so).
+  /// Stages poll this at least every few tens of milliseconds, except inside one call of a library that cannot
+  /// be interrupted (each such place says so).
   std::stop_token cancel;
 
   /// Called with the stage's name and the part of it that is done, 0 to 1, never going back. Only the thread

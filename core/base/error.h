@@ -3,8 +3,8 @@
 // One vocabulary for everything that can go wrong because of input, limits or the outside world.
 //
 // Core throws `Error` and nothing else for such cases; a violated invariant of our own is an assertion
-// (check.h), never an Error. The message is one sentence that tells the caller what to do. It is shown
-// to remote users as it is, so it must never hold a file system path, a patient's name or a stack trace.
+// (check.h), never an Error. The message is one sentence that tells the caller what to do. It is shown to remote users
+// as it is, so it must never hold a file system path, a patient's name or a stack trace.
 // `api/http/problem.cpp` maps each code to exactly one HTTP status.
 #pragma once
 

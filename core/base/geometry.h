@@ -48,8 +48,8 @@ constexpr Mat3 operator*(const Mat3& a, const Mat3& b) {
 constexpr double determinant(const Mat3& m) { return dot(m.rows[0], cross(m.rows[1], m.rows[2])); }
 
 struct Sphere {
-  Vec3 centre;
-  double radius = 0;
+  Vec3 centre;        ///< mm
+  double radius = 0;  ///< mm
   friend constexpr bool operator==(const Sphere&, const Sphere&) = default;
 };
 
@@ -69,7 +69,7 @@ struct Box {
     include(s.centre + Vec3{s.radius, s.radius, s.radius});
   }
 };
-
+/// The box around a ball.
 constexpr Box box_of(const Sphere& s) {
   Box box;
   box.include(s);

@@ -99,7 +99,7 @@ inline constexpr Whole dim{1, 0x7fffffff};
 inline constexpr Real spacing_mm{1e-9, 1e9}, origin_mm{-1e9, 1e9};
 
 }  // namespace ranges
-
+/// Whether the range holds each coordinate.
 constexpr bool all_in(const NumberRange<double>& range, Vec3 v) {
   return range.holds(v.x) && range.holds(v.y) && range.holds(v.z);
 }

@@ -33,15 +33,15 @@ struct MarchingCubesMeasures {
       0;  ///< of the solid, with the cut of an open border: half of its closed surface's
 };
 
-/// How cells are cut. Every cell's surface crosses its edges at the boundary points and nowhere else. On a face whose
-/// crossings can be joined in two ways, the saddle of the bilinear interpolation of its values decides (labels: inside
-/// is joined), so the cells on both sides agree and the surface has no holes. Inside a cell every loop of crossings
-/// spans a disc: tunnels that the trilinear interpolation may have within one cell are not drawn. The surface of a
-/// range is that of both of its values, also where the range is jumped over between two samples; where they are closer
-/// than the discs are flat they may cross, and the little volume between is then counted as negative.
-///
-/// `samples` and `boundary` must belong to `volume` and `rule`; neither is changed. Both functions throw nothing
-/// but cancelled, take O(samples / 64 + points), report stage "marching cubes", and give the same for any thread count.
+// How cells are cut. Every cell's surface crosses its edges at the boundary points and nowhere else. On a face whose
+// crossings can be joined in two ways, the saddle of the bilinear interpolation of its values decides (labels: inside
+// is joined), so the cells on both sides agree and the surface has no holes. Inside a cell every loop of crossings
+// spans a disc: tunnels that the trilinear interpolation may have within one cell are not drawn. The surface of a
+// range is that of both of its values, also where the range is jumped over between two samples; where they are closer
+// than the discs are flat they may cross, and the little volume between is then counted as negative.
+//
+// `samples` and `boundary` must belong to `volume` and `rule`; neither is changed. Both functions throw nothing
+// but cancelled, take O(samples / 64 + points), report stage "marching cubes", and give the same for any thread count.
 
 /// The surface. Vertex i is boundary point i. With a closed border each edge of a triangle is met by as many triangles
 /// in one direction as in the other; with an open one that fails only on the grid's border.

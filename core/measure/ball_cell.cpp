@@ -433,45 +433,46 @@ BallCell::Turning BallCell::trace_edges(double radius) {
   return turning;
 }
 
-BallPiece BallCell::measure(double ball_radius) {
-  if (empty()) return {};
+// Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
+// it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
+// much is taken off by its derivatives, up to the square of 2^-30.
+double BallCell::growth_for(double ball_radius) {
   squares_from({}, x_.data(), y_.data(), z_.data(), lanes(), values_.data());
-  // Where planes meet on the sphere, as at every corner of a raw model's cells, rounding would decide which edges cross
-  // it, and in which order. A ball that is larger by far more than rounding has those corners inside; what it has too
-  // much is taken off by its derivatives, up to the square of 2^-30.
   const bool corner_on_sphere =
       std::any_of(values_.begin(), values_.begin() + static_cast<std::ptrdiff_t>(lanes()), [&](double square) {
         return std::abs(square - ball_radius * ball_radius) < 0x1p-29 * ball_radius * ball_radius;
       });
-  const double growth = corner_on_sphere ? 0x1p-30 * ball_radius : 0;
-  const double radius = ball_radius + growth, radius_squared = radius * radius;
-  int corners_in = 0;
-  bool holds_centre = true;
+  return corner_on_sphere ? 0x1p-30 * ball_radius : 0;
+}
+
+BallCell::Inside BallCell::find_corners_inside(double radius) {
+  Inside inside;
   in_ball_.resize(corners_.size());
   some_corner_.assign(faces_.size(), kNone);
   for (std::uint32_t v = 0; v < corners_.size(); ++v) {
-    in_ball_[v] = values_[v] < radius_squared;
-    corners_in += in_ball_[v];
+    in_ball_[v] = values_[v] < radius * radius;
+    inside.corners += in_ball_[v];
     for (const std::uint32_t face : corners_[v].faces) {
       const double offset = faces_[face].offset;
-      holds_centre &= offset > 0;
+      inside.holds_centre &= offset > 0;
       // Some are too far for any of their edges to meet the ball, whatever the rounding.
       if (std::abs(offset) <= (1 + 0x1p-40) * radius) some_corner_[face] = v;
     }
   }
+  return inside;
+}
+
+void BallCell::begin_outlines(double radius) {
   outlines_.clear();
   for (std::uint32_t f = 0; f < faces_.size(); ++f) {
     const double offset = some_corner_[f] == kNone ? 0 : faces_[f].offset;
     const double disk = std::sqrt(std::max(0.0, (radius - offset) * (radius + offset)));
     outlines_.emplace_back(faces_[f].normal, 1 / std::max(disk, 0x1p-50 * radius));
   }
-  const Turning turning = trace_edges(radius);
+}
 
-  int flat_parts = 0;
-  double bending = 0;  // of the outline along its arcs
-  double height_areas = 0;
-  Vec3 push, bent_normals, height_first;
-  Mat3 height_second{{Vec3{}, Vec3{}, Vec3{}}}, normal_first{{Vec3{}, Vec3{}, Vec3{}}};
+BallCell::FlatParts BallCell::finish_outlines(double radius) {
+  FlatParts parts;
   for (std::uint32_t f = 0; f < faces_.size(); ++f) {
     if (some_corner_[f] == kNone) continue;
     const Face& face = faces_[f];
@@ -484,37 +485,49 @@ BallPiece BallCell::measure(double ball_radius) {
       if (!circle && !outline.has_pieces()) continue;
     }
     outline.finish(disk_squared, circle);
-    ++flat_parts;
-    bending += face.offset / radius * outline.arcs();
-    const double flat_area = outline.area();
-    const Vec3 about_foot = outline.first(), first = flat_area * foot + about_foot;
-    height_areas += face.offset * flat_area;
-    push = push - flat_area * face.normal;
-    bent_normals = bent_normals + outline.arcs() * face.normal;
-    height_first = height_first + face.offset * first;
-    add_outer(normal_first, 1, face.normal, first);
-    add_outer(height_second, face.offset, foot, first);
-    add_outer(height_second, face.offset, about_foot, foot);
-    outline.add_second(height_second, face.offset);
+    ++parts.count;
+    parts.bending += face.offset / radius * outline.arcs();
+    const double area = outline.area();
+    const Vec3 about_foot = outline.first(), first = area * foot + about_foot;
+    parts.height_areas += face.offset * area;
+    parts.push = parts.push - area * face.normal;
+    parts.bent_normals = parts.bent_normals + outline.arcs() * face.normal;
+    parts.height_first = parts.height_first + face.offset * first;
+    add_outer(parts.normal_first, 1, face.normal, first);
+    add_outer(parts.height_second, face.offset, foot, first);
+    add_outer(parts.height_second, face.offset, about_foot, foot);
+    outline.add_second(parts.height_second, face.offset);
   }
-  // No flat part: the ball is within the cell or beyond it.
-  if (flat_parts == 0 && !holds_centre) return {};
+  return parts;
+}
 
-  const int characteristic = 2 - (flat_parts - turning.pieces + corners_in);
+BallPiece BallCell::measure(double ball_radius) {
+  if (empty()) return {};
+  const double growth = growth_for(ball_radius);
+  const double radius = ball_radius + growth, radius_squared = radius * radius;
+  const Inside inside = find_corners_inside(radius);
+  begin_outlines(radius);
+  const Turning turning = trace_edges(radius);
+  const FlatParts flat = finish_outlines(radius);
+  // No flat part: the ball is within the cell or beyond it.
+  if (flat.count == 0 && !inside.holds_centre) return {};
+
+  const int characteristic = 2 - (flat.count - turning.pieces + inside.corners);
   BallPiece piece{.moments = {}, .area = 0, .push = {}, .characteristic = characteristic, .corners = turning.corners};
-  const double area = radius_squared * (kTwoPi * characteristic + bending - turning.angle);
-  const double volume = (height_areas + radius * area) / 3;
-  piece.area = area - growth * (2 * area / radius - radius * bending);
+  const double area = radius_squared * (kTwoPi * characteristic + flat.bending - turning.angle);
+  const double volume = (flat.height_areas + radius * area) / 3;
+  piece.area = area - growth * (2 * area / radius - radius * flat.bending);
   piece.moments.volume = volume - growth * piece.area;
-  piece.moments.first = 0.25 * (height_first + radius_squared * push) - (growth * radius) * push;
-  piece.push = push + (growth * radius) * bent_normals;
+  piece.moments.first = 0.25 * (flat.height_first + radius_squared * flat.push) - (growth * radius) * flat.push;
+  piece.push = flat.push + (growth * radius) * flat.bent_normals;
   for (std::size_t i = 0; i < 3; ++i) {
     for (std::size_t j = 0; j < 3; ++j) {
       const int ii = static_cast<int>(i), jj = static_cast<int>(j);
       // The integral of x·xᵀ over the spherical part, by radius.
-      const double spherical = (i == j ? volume : 0) - (normal_first.rows[i][jj] + normal_first.rows[j][ii]) / 2;
+      const double spherical =
+          (i == j ? volume : 0) - (flat.normal_first.rows[i][jj] + flat.normal_first.rows[j][ii]) / 2;
       piece.moments.second.rows[i][jj] =
-          (height_second.rows[i][jj] + radius_squared * spherical) / 5 - growth * radius * spherical;
+          (flat.height_second.rows[i][jj] + radius_squared * spherical) / 5 - growth * radius * spherical;
     }
   }
   return piece;

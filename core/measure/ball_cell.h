@@ -127,6 +127,22 @@ class BallCell {
     int corners = 0, pieces = 0;  // of it; of edges within the ball
   };
 
+  struct Inside {
+    int corners = 0;  // of the cell, within the ball
+    bool holds_centre = true;
+  };
+  // Sums over what faces have within the ball.
+  struct FlatParts {
+    int count = 0;
+    double bending = 0;  // of the spherical part's outline along its arcs
+    Vec3 push, bent_normals;
+    Mat3 normal_first{{Vec3{}, Vec3{}, Vec3{}}};
+    // Integrals of 1, x and x·xᵀ, each by the face's offset.
+    double height_areas = 0;
+    Vec3 height_first;
+    Mat3 height_second{{Vec3{}, Vec3{}, Vec3{}}};
+  };
+
   template <std::size_t Count>
   void start(const std::array<Vec3, Count>& positions, const std::array<Corner, Count>& corners, Vec3 pivot);
   std::size_t lanes() const { return (corners_.size() + 7) / 8 * 8; }
@@ -144,8 +160,13 @@ class BallCell {
   // False when the edge misses the ball.
   bool find_piece(std::uint32_t from, std::uint32_t to, bool begins_in, bool ends_in, double radius,
                   Piece& piece) const;
+  // The steps of measure, in order.
+  double growth_for(double ball_radius);
+  Inside find_corners_inside(double radius);
+  void begin_outlines(double radius);
   // Hands what edges have within the ball to their faces' outlines.
   Turning trace_edges(double radius);
+  FlatParts finish_outlines(double radius);
   // Whether a face lies around the disk, given that it does or is far from it.
   bool surrounds(std::uint32_t face, Vec3 foot, double disk_squared) const;
 

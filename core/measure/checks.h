@@ -36,8 +36,8 @@ struct BoundsReport {
 };
 
 struct ModelChecks {
-  CriteriaReport criteria;
-  BoundsReport bounds;
+  CriteriaReport criteria;  ///< violations of the guarantees
+  BoundsReport bounds;      ///< the paper's, beside what they bound
 };
 
 /// Checks a raw model against the samples that it was made from. O(cells + rows of samples inside balls).

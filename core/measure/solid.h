@@ -38,7 +38,7 @@ struct TetrahedraMeasures {
   Topology topology;
 };
 
-VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside);
+VoxelMeasures measure_voxels(const Grid& grid, const SampleBits& inside);  ///< O(samples / 64)
 
 /// Of the union of the inside tetrahedra, about the frame's origin. Exact in lattice units about the lattice's origin
 /// (128-bit sums), then moved: relative error below 1e-15 times the squared ratio of the solid's distance from the

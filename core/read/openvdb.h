@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string_view>
 
-#include "core/read/read.h"
+#include "core/read/options.h"
 
 namespace spherule {
 

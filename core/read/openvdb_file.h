@@ -4,63 +4,18 @@
 // core/read. Everything throws malformed where bytes are missing or make no sense.
 #pragma once
 
-#include <array>
+#include <cstddef>
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "core/base/context.h"
-#include "core/read/read.h"
+#include "core/base/geometry.h"
+#include "core/read/openvdb_stream.h"
 
 namespace spherule::vdb {
 
-[[noreturn]] void fail_damaged();
-
-/// The file as a stream that throws at any read that comes short. OpenVDB does not look at a stream's state: it would
-/// go on with whatever was in its variables, for as long as a count in a damaged file says. One thread at a time.
-class Stream {
- public:
-  explicit Stream(const std::filesystem::path& file);
-
-  std::istream& in() { return in_; }
-
-  template <typename T>
-  T value() {
-    T v{};
-    in_.read(reinterpret_cast<char*>(&v), sizeof v);
-    return v;
-  }
-  std::array<std::int64_t, 3> place();
-  /// Text with its length before it; lengths that the file does not have are seen before memory is taken.
-  std::string text();
-  /// Throws when so many bytes do not follow.
-  void need(std::uint64_t bytes);
-  void skip(std::uint64_t bytes);
-  void seek(std::int64_t position);
-  std::int64_t position() { return in_.tellg(); }
-
- private:
-  std::uint64_t size_;
-  std::ifstream in_;
-};
-
-/// How a type of grid is stored.
-struct GridType {
-  enum class Leaf : std::uint8_t {
-    values,  ///< a value a voxel
-    bits,    ///< a bit a voxel, beside which voxels are active
-    states,  ///< which voxels are active, and nothing else
-  };
-  std::string_view tree;      ///< the file's name of it
-  std::string_view name;      ///< for people
-  std::size_t bytes, halved;  ///< of a value, and of one that is stored as half floats
-  Leaf leaf = Leaf::values;
-  bool scalar = true;
-};
-
+/// A grid of a file, and where it lies.
 struct GridEntry {
   std::string name;
   const GridType* type = nullptr;  ///< null: one that we cannot pass over (points)
@@ -78,6 +33,7 @@ struct GridHead {
   Vec3 origin{};       ///< of voxel (0, 0, 0)
 };
 
+/// What a file says before its grids, and which these are.
 struct File {
   std::uint32_t version = 0;
   std::uint32_t library_major = 0, library_minor = 0;

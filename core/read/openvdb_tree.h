@@ -9,7 +9,7 @@
 #include <cstdint>
 
 #include "core/base/context.h"
-#include "core/read/openvdb_file.h"
+#include "core/read/openvdb_stream.h"
 #include "core/volume.h"
 
 namespace spherule::vdb {
@@ -22,6 +22,7 @@ struct TreePlace {
   std::int64_t position = 0;
 };
 
+/// What a tree spans.
 struct TreeExtent {
   std::array<std::int64_t, 3> min{INT64_MAX, INT64_MAX, INT64_MAX};  ///< of the active voxels
   std::array<std::int64_t, 3> max{INT64_MIN, INT64_MIN, INT64_MIN};

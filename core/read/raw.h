@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "core/read/read.h"
+#include "core/read/options.h"
 
 namespace spherule {
 

@@ -8,7 +8,6 @@
 #include <new>
 
 #include "core/base/check.h"
-#include "core/read/unpacked.h"
 
 namespace spherule {
 
@@ -60,14 +59,6 @@ std::uint64_t ByteReader::skip(std::uint64_t count, const Context& context) { re
 bool is_gzip(const std::filesystem::path& file) {
   std::array<std::byte, 2> magic{};
   return ByteReader(file).read(magic) == 2 && magic[0] == std::byte{0x1f} && magic[1] == std::byte{0x8b};
-}
-
-std::uint64_t size_of_file(const std::filesystem::path& file) {
-  std::error_code error;
-  const bool regular = std::filesystem::is_regular_file(file, error);
-  const std::uintmax_t size = regular ? std::filesystem::file_size(file, error) : 0;
-  if (!regular || error) throw Error(ErrorCode::not_found, "The file cannot be opened; send it again.");
-  return size;
 }
 
 std::string read_text(const std::filesystem::path& file, Packing packing, std::size_t count) {

@@ -13,19 +13,10 @@
 #include <vector>
 
 #include "core/base/context.h"
-#include "core/read/read.h"
+#include "core/read/options.h"
+#include "core/read/unpacked.h"
 
 namespace spherule {
-
-enum class Packing : std::uint8_t {
-  none,
-  deflate,  ///< gzip (one or more members) or one zlib stream; checksums are verified
-  bzip2,    ///< one or more streams; checksums are verified
-  hex,      ///< two digits a byte, blanks anywhere
-  text      ///< decimal numbers with blanks or commas between; unpacks to samples in native byte order
-};
-
-class ByteSource;
 
 /// A file's bytes in order, unpacked. Throws malformed where packed data are damaged or end early, also when only the
 /// checksum at their end is wrong or missing; not_found when the file cannot be opened. One thread at a time.
@@ -50,8 +41,6 @@ class ByteReader {
 
 /// Whether the file starts like a gzip stream.
 bool is_gzip(const std::filesystem::path& file);
-/// Size of a file. Throws not_found when it is missing or not a regular file.
-std::uint64_t size_of_file(const std::filesystem::path& file);
 /// The first bytes of a file, unpacked, at most `count`.
 std::string read_text(const std::filesystem::path& file, Packing packing, std::size_t count);
 

@@ -14,7 +14,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/read/read.h"
+#include "core/read/options.h"
 
 namespace spherule {
 

@@ -18,6 +18,14 @@ namespace {
 constexpr std::uint64_t kSink = std::uint64_t{1} << 20;
 }
 
+std::uint64_t size_of_file(const std::filesystem::path& file) {
+  std::error_code error;
+  const bool regular = std::filesystem::is_regular_file(file, error);
+  const std::uintmax_t size = regular ? std::filesystem::file_size(file, error) : 0;
+  if (!regular || error) throw Error(ErrorCode::not_found, "The file cannot be opened; send it again.");
+  return size;
+}
+
 std::uint64_t ByteSource::skip(std::uint64_t count, const Context& context) {
   std::vector<std::byte> sink(static_cast<std::size_t>(std::min<std::uint64_t>(count, kSink)));
   std::uint64_t done = 0;

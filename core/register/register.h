@@ -54,8 +54,8 @@ inline constexpr int registration_edition = 3;
 void check_registration_options(const RegistrationOptions& options);
 
 struct FoundPose {
-  AffineMap moving_to_fixed;
-  SurfaceDistance surfaces;
+  AffineMap moving_to_fixed;  ///< LPS mm
+  SurfaceDistance surfaces;   ///< in that pose
 };
 
 struct Registration {

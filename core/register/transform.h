@@ -21,7 +21,7 @@ struct AffineMap {
 /// First b, then a.
 constexpr AffineMap composed(const AffineMap& a, const AffineMap& b) { return {a.linear * b.linear, a(b.shift)}; }
 
-Mat3 scaled(double factor, const Mat3& m);
+Mat3 scaled(double factor, const Mat3& m);  ///< each entry times the factor
 /// Precondition: determinant(m) != 0.
 Mat3 inverse(const Mat3& m);
 AffineMap inverse(const AffineMap& map);

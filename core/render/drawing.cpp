@@ -7,7 +7,6 @@
 #include <functional>
 
 #include "core/base/elementary.h"
-#include "core/render/font.h"
 
 namespace spherule {
 namespace {

@@ -11,6 +11,7 @@
 
 #include "core/base/context.h"
 #include "core/render/colour.h"
+#include "core/render/font.h"
 #include "core/render/image.h"
 
 namespace spherule {
@@ -21,11 +22,6 @@ struct Ink {
   double opacity = 1;
 };
 Ink ink_of(Colour colour, double opacity = 1);
-
-/// Pixels from the top left corner, y down; whole numbers are the corners of pixels.
-struct Point2 {
-  double x = 0, y = 0;
-};
 
 enum class Anchor : std::uint8_t { start, middle, end };
 
@@ -81,8 +77,5 @@ void paint(const Drawing& drawing, Image& image, const Context& context = {});
 /// picture, that picture (as embedded PNG bytes, of the drawing's size) lies under the drawing. Throws cancelled,
 /// within tens of ms.
 std::string to_svg(const Drawing& drawing, std::string_view png = {}, const Context& context = {});
-
-/// Width in pixels of painted words.
-double text_width(std::string_view words, double size);
 
 }  // namespace spherule

@@ -51,11 +51,17 @@ std::string tick_words(double value) {
   return value >= 1000 && value < 1e9 && value == std::floor(value) ? with_commas(value) : label(value);
 }
 
-}  // namespace
+// Where a plot has what, in pixels; `size` is that of its letters.
+struct Places {
+  double size, left, right, top, bottom;
+  Scale x, y;
+  std::vector<double> y_ticks;
 
-Drawing draw_plot(const Plot& plot, int width, int height) {
-  SPHERULE_CHECK(width > 0 && height > 0 && plot.hi > plot.lo && !(plot.x.logarithmic && !(plot.lo > 0)));
-  Drawing drawing(width, height);
+  double gap() const { return 0.8 * size; }
+  double thick() const { return std::max(1.0, 0.1 * size); }
+};
+
+Places places_of(const Plot& plot, int width, int height) {
   const double size = std::clamp(0.02 * std::min(width, height), 7.0, 40.0), gap = 0.8 * size;
   double most = 0;
   for (const double h : plot.heights) most = std::max(most, h);
@@ -69,66 +75,96 @@ Drawing draw_plot(const Plot& plot, int width, int height) {
     least *= 0.5;
   }
   const double top_value = plot.y.logarithmic ? most * elementary::pow(most / least, 0.05) : most * 1.05;
-  const auto y_ticks = ticks_of(plot.y, least, top_value, std::max(2, static_cast<int>(height / (5 * size))));
+  std::vector<double> y_ticks = ticks_of(plot.y, least, top_value, std::max(2, static_cast<int>(height / (5 * size))));
   double widest = 0;
   for (const double tick : y_ticks) widest = std::max(widest, text_width(tick_words(tick), size));
   const double left = std::ceil(3.2 * size + widest + gap), right = width - std::ceil(2.2 * size);
   const double top = std::ceil(4.2 * size), bottom = height - std::ceil(5.2 * size);
-  const Scale x(plot.lo, plot.hi, plot.x.logarithmic, left, right);
-  const Scale y(least, top_value, plot.y.logarithmic, bottom, top);
+  return {size,
+          left,
+          right,
+          top,
+          bottom,
+          Scale(plot.lo, plot.hi, plot.x.logarithmic, left, right),
+          Scale(least, top_value, plot.y.logarithmic, bottom, top),
+          std::move(y_ticks)};
+}
 
-  drawing.rectangle(0, 0, width, height, {255, 255, 255});
+void draw_grid(const Places& at, Drawing& drawing) {
   std::vector<std::vector<Point2>> grid;
-  for (const double tick : y_ticks) {
-    grid.push_back({{left, y.pixel(tick)}, {right, y.pixel(tick)}});
-    drawing.text({left - gap, y.pixel(tick) + 0.5 * size}, size, Anchor::end, tick_words(tick), kInk);
+  for (const double tick : at.y_ticks) {
+    const double y = at.y.pixel(tick);
+    grid.push_back({{at.left, y}, {at.right, y}});
+    drawing.text({at.left - at.gap(), y + 0.5 * at.size}, at.size, Anchor::end, tick_words(tick), kInk);
   }
   drawing.lines(std::move(grid), 1, kGrid);
+}
 
+void draw_heights(const Plot& plot, const Places& at, Drawing& drawing) {
   const std::size_t n = plot.heights.size();
   const auto edge = [&](std::size_t i) {  // pixels: steps are equal there on either kind of axis
-    return left + (right - left) * static_cast<double>(i) / static_cast<double>(n);
+    return at.left + (at.right - at.left) * static_cast<double>(i) / static_cast<double>(n);
   };
   std::vector<std::vector<Point2>> bars;
   std::vector<Point2> line;
   for (std::size_t i = 0; i < n; ++i) {
-    if (!(plot.heights[i] > least)) continue;
-    const double a = edge(i), b = edge(i + 1), h = y.pixel(plot.heights[i]);
+    if (!(plot.heights[i] > at.y.lo())) continue;
+    const double a = edge(i), b = edge(i + 1), h = at.y.pixel(plot.heights[i]);
     if (plot.line) line.push_back({0.5 * (a + b), h});
     // A hair between bars that are wide enough to be told apart.
     const double hair = b - a >= 6 ? 0.5 : 0;
-    bars.push_back({{a + hair, bottom}, {a + hair, h}, {b - hair, h}, {b - hair, bottom}});
+    bars.push_back({{a + hair, at.bottom}, {a + hair, h}, {b - hair, h}, {b - hair, at.bottom}});
   }
   if (plot.line) {
-    drawing.lines({std::move(line)}, std::max(1.5, 0.16 * size), kFill);
+    drawing.lines({std::move(line)}, std::max(1.5, 0.16 * at.size), kFill);
   } else {
     drawing.areas(std::move(bars), kFill);
   }
+}
 
-  const double thick = std::max(1.0, 0.1 * size);
-  drawing.lines({{{left, top}, {left, bottom}}, {{left, bottom}, {right, bottom}}}, thick, kInk);
+void draw_axes(const Plot& plot, const Places& at, Drawing& drawing) {
+  const double size = at.size, left = at.left, right = at.right, bottom = at.bottom;
+  drawing.lines({{{left, at.top}, {left, bottom}}, {{left, bottom}, {right, bottom}}}, at.thick(), kInk);
   const double room = std::max(text_width(tick_words(plot.lo), size), text_width(tick_words(plot.hi), size)) + 3 * size;
   for (const double tick : ticks_of(plot.x, plot.lo, plot.hi, std::max(2, static_cast<int>((right - left) / room)))) {
-    const double at = x.pixel(tick);
-    drawing.line({at, bottom}, {at, bottom + 0.4 * size}, thick, kInk);
-    drawing.text({at, bottom + 2 * size}, size, Anchor::middle, tick_words(tick), kInk);
+    const double x = at.x.pixel(tick);
+    drawing.line({x, bottom}, {x, bottom + 0.4 * size}, at.thick(), kInk);
+    drawing.text({x, bottom + 2 * size}, size, Anchor::middle, tick_words(tick), kInk);
   }
+}
+
+void draw_marks(const Plot& plot, const Places& at, Drawing& drawing) {
+  const double size = at.size, high = at.top - 0.5 * size, low = at.top + 1.5 * size;
   double last = -INFINITY;
-  double row = top - 0.5 * size;
+  double row = high;
   for (const Plot::Mark& mark : plot.marks) {
     if (!(mark.at >= plot.lo && mark.at <= plot.hi)) continue;
     const std::string word = mark.word.empty() ? tick_words(mark.at) : mark.word;
-    const double at = x.pixel(mark.at), half = 0.5 * text_width(word, size);
-    drawing.line({at, top}, {at, bottom}, std::max(1.2, 0.14 * size), kMark);
+    const double x = at.x.pixel(mark.at), half = 0.5 * text_width(word, size);
+    drawing.line({x, at.top}, {x, at.bottom}, std::max(1.2, 0.14 * size), kMark);
     // Words that would meet take turns above and below.
-    row = at - half < last && row < top ? top + 1.5 * size : top - 0.5 * size;
-    drawing.text({std::clamp(at, left + half, std::max(left + half, right - half)), row}, size, Anchor::middle, word,
-                 kMark);
-    last = at + half + size;
+    row = x - half < last && row < at.top ? low : high;
+    drawing.text({std::clamp(x, at.left + half, std::max(at.left + half, at.right - half)), row}, size, Anchor::middle,
+                 word, kMark);
+    last = x + half + size;
   }
-  drawing.text({0.5 * (left + right), height - 1.1 * size}, size, Anchor::middle, words_of(plot.x), kInk);
-  drawing.text_upwards({2 * size, 0.5 * (top + bottom)}, size, Anchor::middle, words_of(plot.y), kInk);
-  drawing.text({left, 2.2 * size}, 1.15 * size, Anchor::start, plot.title, kInk);
+}
+
+}  // namespace
+
+Drawing draw_plot(const Plot& plot, int width, int height) {
+  SPHERULE_CHECK(width > 0 && height > 0 && plot.hi > plot.lo && !(plot.x.logarithmic && !(plot.lo > 0)));
+  Drawing drawing(width, height);
+  const Places at = places_of(plot, width, height);
+  drawing.rectangle(0, 0, width, height, {255, 255, 255});
+  draw_grid(at, drawing);
+  draw_heights(plot, at, drawing);
+  draw_axes(plot, at, drawing);
+  draw_marks(plot, at, drawing);
+  const double size = at.size;
+  drawing.text({0.5 * (at.left + at.right), height - 1.1 * size}, size, Anchor::middle, words_of(plot.x), kInk);
+  drawing.text_upwards({2 * size, 0.5 * (at.top + at.bottom)}, size, Anchor::middle, words_of(plot.y), kInk);
+  drawing.text({at.left, 2.2 * size}, 1.15 * size, Anchor::start, plot.title, kInk);
   return drawing;
 }
 

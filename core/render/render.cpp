@@ -430,6 +430,107 @@ Sheet sheet_of(const RenderOptions& o, std::size_t views, std::size_t subjects, 
   return sheet;
 }
 
+Context without_progress(const Context& context) {
+  Context quiet = context;
+  quiet.progress = nullptr;
+  return quiet;
+}
+
+Box box_of(std::span<const Subject> subjects) {
+  Box box;
+  for (const Subject& subject : subjects)
+    for (const Sphere& s : subject.model->spheres)
+      if (s.radius > 0) box.include(s);
+  if (box.empty()) unusable("The model has no sphere with a radius above 0, so there is nothing to draw.");
+  require_drawable(box);
+  return box;
+}
+
+std::optional<HalfSpace> clip_of(const RenderOptions& o, const Box& box) {
+  if (!o.clip_normal) return std::nullopt;
+  const Vec3 n = normalised(*o.clip_normal);
+  return HalfSpace{n, o.clip_offset_mm.value_or(dot(n, 0.5 * (box.min + box.max)))};
+}
+
+std::vector<Body> bodies_of(std::span<const Drawn> drawn, const RenderOptions& o, const std::optional<HalfSpace>& clip,
+                            const Context& context) {
+  std::vector<Body> bodies;
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    Body body;
+    body.tracer = tracer_of(drawn[i], o, clip, context);
+    body.material = kMaterials[i];
+    if (i == 0) body.opacity = o.opacity;
+    bodies.push_back(std::move(body));
+  }
+  return bodies;
+}
+
+// Of each frame, one for each view.
+std::vector<Camera> cameras_of(const RenderOptions& o, std::span<const View> views, const Box& box, int width) {
+  const int frames = std::max(1, o.turntable);
+  std::vector<Camera> cameras;
+  for (int frame = 0; frame < frames; ++frame)
+    for (const View view : views)
+      cameras.push_back(make_camera(o.camera, view, 360.0 * frame / frames, box, width, o.height));
+  to_one_scale(cameras);
+  return cameras;
+}
+
+// One with all bodies, or one for each.
+std::vector<Scene> scenes_of(std::vector<Body> bodies, std::span<const Drawn> drawn, const RenderOptions& o,
+                             const std::optional<HalfSpace>& clip, std::size_t count) {
+  std::vector<Scene> scenes(count);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    Scene& scene = scenes[std::min(b, count - 1)];
+    scene.clip = clip;
+    scene.shadows = o.shadows;
+    scene.ambient_occlusion = o.ambient_occlusion;
+    scene.specks.insert(scene.specks.end(), drawn[b].balls.begin(), drawn[b].balls.end());
+    scene.bodies.push_back(std::move(bodies[b]));
+  }
+  return scenes;
+}
+
+// Everything that a frame shows but its cameras.
+struct Setting {
+  const RenderOptions& options;
+  const std::vector<View>& views;
+  const Sheet& sheet;
+  const std::vector<Scene>& scenes;
+  const std::optional<Legend>& legend;
+};
+
+// `cameras`: one a view. `panel_done` is called after each panel; the rays of one are reported to `context`.
+template <typename F>
+Image draw_frame(const Setting& s, std::span<const Camera> cameras, const Context& context, F&& panel_done) {
+  const RenderOptions& o = s.options;
+  const Sheet& sheet = s.sheet;
+  const Context quiet = without_progress(context);
+  Image image = backdrop(sheet.columns * o.width, sheet.rows * o.height, o.background);
+  for (int row = 0; row < sheet.rows; ++row) {
+    for (int column = 0; column < sheet.columns; ++column) {
+      const std::size_t view = sheet.a_model_a_column ? 0 : static_cast<std::size_t>(column);
+      const int scene = sheet.a_model_a_column ? column : row;
+      const Camera& camera = cameras[view];
+      Image panel = shoot(s.scenes[static_cast<std::size_t>(scene)], camera,
+                          {sheet.panel_width, o.height, o.samples_per_axis, o.background}, "render", context);
+      Notes notes(sheet.panel_width, o.height, o.background);
+      if (s.views.size() > 1 && row == 0) notes.caption(name_of(s.views[view]));
+      if (o.scale_bar) notes.scale_bar(camera);
+      if (o.orientation_marker) notes.orientation(camera);
+      paint(notes.drawing(), panel, quiet);
+      place(panel, column * sheet.panel_width, row * o.height, image);
+      panel_done();
+    }
+  }
+  if (sheet.strip > 0) {
+    Notes notes(sheet.columns * o.width, o.height, o.background);
+    notes.legend(*s.legend);
+    paint(notes.drawing(), image, quiet);
+  }
+  return image;
+}
+
 }  // namespace
 
 std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects) {
@@ -442,84 +543,33 @@ std::uint64_t pixels_of(const RenderOptions& options, std::size_t subjects) {
 std::vector<Image> render(std::span<const Subject> subjects, const RenderOptions& o, const Context& context) {
   SPHERULE_CHECK(!subjects.empty() && subjects.size() <= kMaterials.size());
   check_render_options(o);
-  Box box;
-  for (const Subject& subject : subjects)
-    for (const Sphere& s : subject.model->spheres)
-      if (s.radius > 0) box.include(s);
-  if (box.empty()) unusable("The model has no sphere with a radius above 0, so there is nothing to draw.");
-  require_drawable(box);
+  const Box box = box_of(subjects);
   const std::vector<View> views = o.camera.viewpoint ? std::vector<View>{View::anterior} : o.views;
-  const int frames = std::max(1, o.turntable);
   // A camera that makes no sense is refused before any work.
   static_cast<void>(make_camera(o.camera, views.front(), 0, box, o.width, o.height));
 
-  std::optional<HalfSpace> clip;
-  if (o.clip_normal) {
-    const Vec3 n = normalised(*o.clip_normal);
-    clip = HalfSpace{n, o.clip_offset_mm.value_or(dot(n, 0.5 * (box.min + box.max)))};
-  }
-  Context quiet = context;  // only the rays are reported
-  quiet.progress = nullptr;
+  const std::optional<HalfSpace> clip = clip_of(o, box);
+  const Context quiet = without_progress(context);  // only the rays are reported
   std::vector<Drawn> drawn;
-  std::vector<Body> bodies;
   for (const Subject& subject : subjects) drawn.push_back(drawn_of(subject, o, quiet));
-  for (std::size_t i = 0; i < subjects.size(); ++i) {
-    Body body;
-    body.tracer = tracer_of(drawn[i], o, clip, quiet);
-    body.material = kMaterials[i];
-    if (i == 0) body.opacity = o.opacity;
-    bodies.push_back(std::move(body));
-  }
+  std::vector<Body> bodies = bodies_of(drawn, o, clip, quiet);
   const auto legend = colour(subjects, drawn, o, quiet, bodies);
   const Sheet sheet = sheet_of(o, views.size(), subjects.size(), legend);
-
-  std::vector<Camera> cameras;
-  for (int frame = 0; frame < frames; ++frame)
-    for (const View view : views)
-      cameras.push_back(make_camera(o.camera, view, 360.0 * frame / frames, box, sheet.panel_width, o.height));
-  to_one_scale(cameras);
+  const std::vector<Camera> cameras = cameras_of(o, views, box, sheet.panel_width);
   if (o.camera.projection == Projection::perspective) refuse_cameras_inside(cameras, clip, bodies);
+  const bool apart = sheet.a_model_a_column || sheet.a_model_a_row;
+  const std::vector<Scene> scenes = scenes_of(std::move(bodies), drawn, o, clip, apart ? subjects.size() : 1);
 
-  std::vector<Scene> scenes(sheet.a_model_a_column || sheet.a_model_a_row ? subjects.size() : 1);
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    Scene& scene = scenes[std::min(b, scenes.size() - 1)];
-    scene.clip = clip;
-    scene.shadows = o.shadows;
-    scene.ambient_occlusion = o.ambient_occlusion;
-    scene.specks.insert(scene.specks.end(), drawn[b].balls.begin(), drawn[b].balls.end());
-    scene.bodies.push_back(std::move(bodies[b]));
-  }
-
-  std::vector<Image> images;
-  const double steps = 1.0 * sheet.columns * sheet.rows * frames;
+  const double panels = 1.0 * sheet.columns * sheet.rows * std::max(1, o.turntable);
   double done = 0;
   Context part = context;
   if (context.progress)
-    part.progress = [&](std::string_view stage, double fraction) { context.report(stage, (done + fraction) / steps); };
-  for (int frame = 0; frame < frames; ++frame) {
-    Image image = backdrop(sheet.columns * o.width, sheet.rows * o.height, o.background);
-    for (int row = 0; row < sheet.rows; ++row)
-      for (int column = 0; column < sheet.columns; ++column, ++done) {
-        const std::size_t view = sheet.a_model_a_column ? 0 : static_cast<std::size_t>(column);
-        const int scene = sheet.a_model_a_column ? column : row;
-        const Camera& camera = cameras[static_cast<std::size_t>(frame) * views.size() + view];
-        Image panel = shoot(scenes[static_cast<std::size_t>(scene)], camera,
-                            {sheet.panel_width, o.height, o.samples_per_axis, o.background}, "render", part);
-        Notes notes(sheet.panel_width, o.height, o.background);
-        if (views.size() > 1 && row == 0) notes.caption(name_of(views[view]));
-        if (o.scale_bar) notes.scale_bar(camera);
-        if (o.orientation_marker) notes.orientation(camera);
-        paint(notes.drawing(), panel, quiet);
-        place(panel, column * sheet.panel_width, row * o.height, image);
-      }
-    if (sheet.strip > 0) {
-      Notes notes(sheet.columns * o.width, o.height, o.background);
-      notes.legend(*legend);
-      paint(notes.drawing(), image, quiet);
-    }
-    images.push_back(std::move(image));
-  }
-  return images;
+    part.progress = [&](std::string_view stage, double fraction) { context.report(stage, (done + fraction) / panels); };
+  std::vector<Image> frames;
+  for (std::size_t first = 0; first < cameras.size(); first += views.size())
+    frames.push_back(draw_frame({o, views, sheet, scenes, legend}, std::span(cameras).subspan(first, views.size()),
+                                part, [&] { ++done; }));
+  return frames;
 }
 
 }  // namespace spherule

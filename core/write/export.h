@@ -39,7 +39,7 @@ std::string spheres_to_ply(std::span<const Sphere> spheres, std::span<const Sphe
 std::string spheres_to_vtp(std::span<const Sphere> spheres, std::span<const SphereColumn> columns = {});
 
 struct ImportLimits {
-  std::size_t max_spheres = 10'000'000;
+  std::size_t max_spheres = 10'000'000;  ///< in one set
 };
 
 /// Coordinates and radii that a user brings are at most this, in mm (a thousand kilometres), so that squares and cubes

@@ -3,6 +3,7 @@
 #
 # rules.sh ROOT: fails when the sources under ROOT break a rule of the house, naming rule, file and line.
 set -euo pipefail
+here=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
 cd "$1"
 
 mapfile -t files < <(find . \( -name .git -o -path ./build -o -path ./spherule-data \) -prune -o -type f -printf '%P\n' | sort)
@@ -92,8 +93,13 @@ every() {
   mapfile -t where < <(printf '%s\n' "${files[@]}" | grep -P -- "$2")
   while read -r file; do breach "$1: $file"; done < <(grep -LP -- "$3" "${where[@]}")
 }
-every 'no SPDX line' '\.(h|cpp|sh|py)$|(^|/)CMakeLists\.txt$|^(run|test|\.ci/run)$|^docker/' \
+every 'no SPDX line' '\.(h|cpp|sh|py|pl)$|(^|/)CMakeLists\.txt$|^(run|test|\.ci/run)$|^docker/' \
   '^(//|#) SPDX-License-Identifier: GPL-3\.0-or-later$'
 every 'no #pragma once' '\.h$' '^#pragma once$'
+
+# Long functions, declarations without a comment, broken comments, circles of includes.
+mapfile -t sources < <(printf '%s\n' "${files[@]}" | grep -P '^(core|api|server|clients)/.*\.(h|cpp)$')
+shapes=$("$here/shape.pl" "${sources[@]}") || breach 'shape.pl cannot read the sources'
+[ -z "$shapes" ] || breach "$shapes"
 
 [ $broken = no ]

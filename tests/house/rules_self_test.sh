@@ -6,26 +6,26 @@ set -euo pipefail
 rules=$(dirname "$(realpath "${BASH_SOURCE[0]}")")/rules.sh
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-copy=$scratch/copy kept=$scratch/kept
+copy=$scratch/copy
 mkdir "$copy"
 (cd "$1" && tar -c --exclude=./.git --exclude=./build --exclude=./spherule-data .) | tar -x -C "$copy"
 "$rules" "$copy" || { echo "The repository itself breaks the rules above." && exit 1; }
 
-seeds=0
-# seed FILE LINE RULE: with LINE at the end of FILE, rules.sh must fail and name RULE and FILE.
+# seed FILE TEXT RULE: puts TEXT at the end of FILE. rules.sh must name RULE, FILE and one of these lines.
+seeds=()
 seed() {
-  local file=$copy/$1 output
+  local file=$copy/$1 before
   mkdir -p "$(dirname "$file")"
-  if [ -e "$file" ]; then
-    cp "$file" "$kept"
-  else
-    printf '// SPDX-License-Identifier: GPL-3.0-or-later\n#pragma once\n' >"$file"
-  fi
+  [ -e "$file" ] || printf '// SPDX-License-Identifier: GPL-3.0-or-later\n#pragma once\n' >"$file"
+  before=$(wc -l <"$file")
   printf '%s\n' "$2" >>"$file"
-  if output=$("$rules" "$copy"); then echo "Not noticed in $1: $2" && exit 1; fi
-  grep -qF "$3: $1" <<<"$output" || { printf 'Noticed in other words (%s: %s): %s\n' "$3" "$1" "$output" && exit 1; }
-  if [ -e "$kept" ]; then mv "$kept" "$file"; else rm "$file"; fi
-  seeds=$((seeds + 1))
+  seeds+=("$3"$'\t'"$1"$'\t'$((before + 1))$'\t'"$(wc -l <"$file")")
+}
+# A file without what every file must have.
+bare() {
+  mkdir -p "$(dirname "$copy/$1")"
+  echo '// int f();' >"$copy/$1"
+  seeds+=("$2"$'\t'"$1"$'\t\t')
 }
 
 seed core/volume.h '#include <httplib.h>' 'cpp-httplib belongs elsewhere'
@@ -60,14 +60,32 @@ place=/home
 seed README.md "See $place/somebody/notes." 'names a folder of one machine'
 seed tests/seeded.cpp "const char* path = \"$place/somebody/scan.nii\";" 'names a folder of one machine'
 
-# Rules about what a file must have.
-for name in core/bare.h server/bare.cpp tests/bare.sh; do
-  echo 'int f();' >"$copy/$name"
-  if output=$("$rules" "$copy"); then echo "A bare $name was not noticed." && exit 1; fi
-  grep -qF "no SPDX line: $name" <<<"$output"
-  [[ $name != *.h ]] || grep -qF "no #pragma once: $name" <<<"$output"
-  rm "$copy/$name"
-  seeds=$((seeds + 1))
+long=$(printf 'int seeded(int x) {\n%s}\n' "$(printf '  x = x * 3 + 1;\n%.0s' {1..61})"$'\n')
+seed core/volume.cpp "$long" 'a function is too long'
+seed core/volume.h $'struct Seeded {\n  int seeds() {\n    return [] {\n'"$(printf '      ;\n%.0s' {1..60})"$'\n    }();\n  }\n};' \
+  'a function is too long'
+seed core/volume.h $'\nint seeded(int x);' 'a declaration has no comment'
+seed core/volume.h $'\nstruct Seeded {\n  int x = 0;\n};' 'a declaration has no comment'
+seed core/volume.cpp $'// This line was cut by a reflow in the middle of its\n// sentence, and nobody saw it.' 'a comment is broken'
+seed core/volume.h $'/// What does this describe?\n\nstruct Seeded;' 'a comment is cut from its declaration'
+seed core/base/geometry.h '#include "core/volume.h"' 'includes go in a circle'
+
+for name in core/bare.h server/bare.cpp tests/bare.sh tests/bare.pl; do bare $name 'no SPDX line'; done
+bare core/bare.h 'no #pragma once'
+
+if output=$("$rules" "$copy"); then echo "None of ${#seeds[@]} seeded breaches was noticed." && exit 1; fi
+# Whether a line of the output names the rule, the file and, unless FIRST is empty, a line from FIRST to LAST.
+named() {
+  awk -v start="$1: $2" -v first="$3" -v last="$4" '
+    index($0, start) != 1 { next }
+    { split(substr($0, length(start) + 1), rest, ":") }
+    first == "" || first + 0 <= rest[2] + 0 && rest[2] + 0 <= last + 0 { found = 1 }
+    END { exit !found }' <<<"$output"
+}
+for planted in "${seeds[@]}"; do
+  IFS=$'\t' read -r rule file first last <<<"$planted"
+  named "$rule" "$file" "$first" "$last" && continue
+  printf '%s\n' "$output" "Not noticed in the lines above: $rule: $file:$first"
+  exit 1
 done
-"$rules" "$copy"
-echo "$seeds seeded breaches noticed"
+echo "${#seeds[@]} seeded breaches noticed"
