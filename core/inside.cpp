@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -14,6 +13,7 @@
 #include "core/base/int128.h"
 #include "core/base/parallel.h"
 #include "core/base/progress.h"
+#include "core/base/text.h"
 
 namespace spherule {
 
@@ -68,12 +68,8 @@ SampleBits padded(const SampleBits& bits) {
 }
 
 std::optional<Label> parse_label(std::string_view text) {
-  const auto parse = [&]<typename T>(T value) -> std::optional<Label> {
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (text.empty() || error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-    return value;
-  };
-  return text.starts_with('-') ? parse(std::int64_t{}) : parse(std::uint64_t{});
+  if (text.starts_with('-')) return number_in<std::int64_t>(text);
+  return number_in<std::uint64_t>(text);
 }
 
 std::string to_text(Label label) {

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 #include "core/write/export.h"
 
 namespace spherule::cli {
@@ -25,6 +26,7 @@ namespace {
 // The name of the data file in a text header, without its folder; empty when there is none.
 std::string named_data(const fs::path& header) {
   constexpr std::array<std::string_view, 3> keys = {"ElementDataFile", "data file", "datafile"};
+  constexpr std::string_view blanks = " \t\r=";
   constexpr std::size_t most_lines = 1000, longest = 4096;
   std::ifstream in(header);
   std::array<char, longest> buffer{};
@@ -32,14 +34,7 @@ std::string named_data(const fs::path& header) {
     std::string_view line(buffer.data());
     const std::size_t end = line.find_first_of(":=");
     if (end == line.npos) continue;
-    std::string_view key = line.substr(0, end), value = line.substr(end + 1);
-    const auto trim = [](std::string_view& text) {
-      constexpr std::string_view blank = " \t\r=";
-      text.remove_prefix(std::min(text.find_first_not_of(blank), text.size()));
-      text = text.substr(0, text.find_last_not_of(blank) + 1);
-    };
-    trim(key);
-    trim(value);
+    const std::string_view key = trimmed(line.substr(0, end), blanks), value = trimmed(line.substr(end + 1), blanks);
     if (std::ranges::find(keys, key) != keys.end()) return std::string(value.substr(value.find_last_of("/\\") + 1));
   }
   return {};

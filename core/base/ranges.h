@@ -17,7 +17,7 @@
 #include <string>
 
 #include "core/base/geometry.h"
-#include "core/base/option_values.h"
+#include "core/base/text.h"
 
 namespace spherule {
 
@@ -37,7 +37,7 @@ struct NumberRange {
  private:
   // 1e9 for 1e+09.
   static std::string text(T value) {
-    std::string out = detail::text_of_number(value);
+    std::string out = text_of(value);
     if (const auto e = out.find('e'); e != out.npos) {
       if (out[e + 2] == '0') out.erase(e + 2, 1);
       if (out[e + 1] == '+') out.erase(e + 1, 1);

@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 
+#include "core/base/text.h"
 #include "core/read/itk.h"
 #include "core/read/read_bytes.h"
 #include "core/read/read_header.h"

@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "core/base/text.h"
 #include "core/read/itk.h"
 #include "core/read/read_bytes.h"
 #include "core/read/read_header.h"

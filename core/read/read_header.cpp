@@ -7,6 +7,8 @@
 #include <iterator>
 #include <map>
 
+#include "core/base/text.h"
+
 namespace spherule {
 
 namespace {
@@ -18,12 +20,6 @@ constexpr std::string_view kBlanks = " \t\r\n\v\f";
 }
 
 }  // namespace
-
-std::string_view trimmed(std::string_view text) {
-  const std::size_t begin = text.find_first_not_of(kBlanks);
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(kBlanks) - begin + 1);
-}
 
 std::vector<std::string_view> words(std::string_view text) {
   std::vector<std::string_view> found;
@@ -41,14 +37,6 @@ std::string_view next_line(std::string_view& text) {
   text = end == std::string_view::npos ? std::string_view{} : text.substr(end + 1);
   if (line.ends_with('\r')) line.remove_suffix(1);
   return line;
-}
-
-std::string lowered(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  return result;
 }
 
 std::optional<double> millimetres(std::string_view unit) {

@@ -21,12 +21,8 @@ namespace spherule {
 /// Most characters of one value that is parsed: none needs more, and its words take a multiple in memory.
 inline constexpr std::size_t max_header_value = std::size_t{1} << 16;
 
-/// Without blanks at either end.
-std::string_view trimmed(std::string_view text);
 /// The parts between blanks.
 std::vector<std::string_view> words(std::string_view text);
-/// With a to z in place of A to Z.
-std::string lowered(std::string_view text);
 /// The text up to the next line feed (and without a carriage return before it); `text` moves behind it.
 std::string_view next_line(std::string_view& text);
 

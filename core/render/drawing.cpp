@@ -2,11 +2,11 @@
 #include "core/render/drawing.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <functional>
 
 #include "core/base/elementary.h"
+#include "core/base/text.h"
 
 namespace spherule {
 namespace {
@@ -215,11 +215,7 @@ void paint(const Drawing::Shape& shape, const Context& context, Image& image) {
 }
 
 // The shortest text with two decimals.
-std::string number(double v) {
-  std::array<char, 32> text;
-  const double rounded = std::round(v * 100) / 100 + 0.0;
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), rounded).ptr};
-}
+std::string number(double v) { return text_of(std::round(v * 100) / 100); }
 
 std::string escaped(std::string_view words) {
   std::string out;

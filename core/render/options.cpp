@@ -6,33 +6,19 @@
 
 #include "core/base/option_values.h"
 #include "core/base/ranges.h"
+#include "core/base/text.h"
 
 namespace spherule {
 namespace {
 
 [[noreturn]] void refuse(std::string_view name, const std::string& detail) { detail::refuse_option(name, detail); }
 
-std::vector<std::string_view> split(std::string_view text, char separator = ',') {
-  std::vector<std::string_view> parts;
-  for (;;) {
-    const auto end = text.find(separator);
-    parts.push_back(text.substr(0, end));
-    if (end == text.npos) return parts;
-    text.remove_prefix(end + 1);
-  }
-}
-
-using detail::number_in;
-
-template <typename T>
-std::string text_of(T value) {
-  return detail::text_of_number(value);
-}
+using spherule::text_of;
 std::string text_of(Vec3 v) { return text_of(v.x) + ',' + text_of(v.y) + ',' + text_of(v.z); }
 
 std::vector<double> numbers(std::string_view name, std::string_view text, std::size_t least, std::size_t most) {
   std::vector<double> values;
-  for (const std::string_view part : split(text)) {
+  for (const std::string_view part : split(text, ',')) {
     const auto value = number_in<double>(part);
     if (!value || values.size() == most) values.clear(), values.resize(most + 1);
     if (values.size() > most) break;
@@ -84,12 +70,6 @@ SPHERULE_WORDS(Layout, {"beside", "overlaid"})
 SPHERULE_WORDS(Overlay, {"contour", "points", "triangles", "inside", "circles", "centres"})
 #undef SPHERULE_WORDS
 
-std::string listed(std::span<const std::string_view> choices) {
-  std::string list;
-  for (const std::string_view choice : choices) list += (list.empty() ? "" : ", ") + std::string(choice);
-  return list;
-}
-
 template <typename E>
 requires std::is_enum_v<E>
 void read(std::string_view name, std::string_view text, E& value) {
@@ -110,7 +90,7 @@ View view_of(std::string_view name, std::string_view text) {
 
 std::vector<int> buckets_of(std::string_view name, std::string_view text) {
   std::vector<int> buckets;
-  for (const std::string_view part : split(text)) {
+  for (const std::string_view part : split(text, ',')) {
     const auto ends = split(part, '-');
     const auto first = number_in<int>(ends.front()), last = number_in<int>(ends.back());
     if (ends.size() > 2 || !first || !last || !ranges::bucket.holds(*first) || !ranges::bucket.holds(*last) ||
@@ -184,7 +164,7 @@ constexpr auto kRenderOptions = std::to_array<Option<RenderOptions>>({
     {"views",
      [](RenderOptions& o, std::string_view name, std::string_view text) {
        o.views.clear();
-       for (const std::string_view part : split(text)) o.views.push_back(view_of(name, part));
+       for (const std::string_view part : split(text, ',')) o.views.push_back(view_of(name, part));
      },
      [](const RenderOptions& o) {
        std::string list;
@@ -269,7 +249,7 @@ constexpr auto kSliceOptions = std::to_array<Option<SliceOptions>>({
     {"show",
      [](SliceOptions& o, std::string_view name, std::string_view text) {
        o.show.clear();
-       for (const std::string_view part : split(text)) read(name, part, o.show.emplace_back());
+       for (const std::string_view part : split(text, ',')) read(name, part, o.show.emplace_back());
        std::ranges::sort(o.show);
        o.show.erase(std::ranges::unique(o.show).begin(), o.show.end());
      },

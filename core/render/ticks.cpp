@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/base/elementary.h"
+#include "core/base/text.h"
 
 namespace spherule {
 
@@ -55,8 +56,7 @@ std::string label(double value) {
 }
 
 std::string with_commas(double value) {
-  std::array<char, 32> text;
-  std::string out(text.data(), std::to_chars(text.data(), text.data() + text.size(), std::llround(value)).ptr);
+  std::string out = text_of(std::llround(value));
   for (std::size_t i = out.size(); i > 3 + (value < 0 ? 1U : 0U); i -= 3) out.insert(i - 3, 1, ',');
   return out;
 }

@@ -3,11 +3,10 @@
 // Methods in words (simplify.h).
 #include <algorithm>
 #include <array>
-#include <charconv>
-#include <cmath>
 #include <string>
 
 #include "core/base/ranges.h"
+#include "core/base/text.h"
 #include "core/simplify/simplify.h"
 
 namespace spherule {
@@ -23,27 +22,6 @@ constexpr auto kModes = std::to_array<std::string_view>({"inner", "best", "outer
 constexpr auto kNames =
     std::to_array<std::string_view>({"method", "threshold", "limit", "representative", "k", "least_radius_mm",
                                      "buckets", "bucket_count", "volume_share", "mode", "iou"});
-
-std::string listed(Words words) {
-  std::string list;
-  for (const std::string_view word : words) list += (list.empty() ? "" : ", ") + std::string(word);
-  return list;
-}
-
-template <typename T>
-std::optional<T> number_in(std::string_view text) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (text.empty() || error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
-std::string text_of(double value) {
-  std::array<char, 32> text;
-  value += 0.0;  // -0 is 0
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
-}
-std::string text_of(std::uint32_t value) { return std::to_string(value); }
 
 // Takes options one by one; what nobody took is an error, and all errors are thrown together.
 class Given {
@@ -71,14 +49,11 @@ class Given {
   void take(std::string_view name, std::vector<std::uint32_t>& values) {
     const auto text = find(name);
     if (!text) return;
-    for (std::string_view rest = *text;;) {
-      const std::size_t end = std::min(rest.find(','), rest.size());
-      const auto number = number_in<std::uint32_t>(rest.substr(0, end));
+    for (const std::string_view part : split(*text, ',')) {
+      const auto number = number_in<std::uint32_t>(part);
       if (!number || *number >= ranges::buckets.most)
         return refuse(name, "Give numbers of buckets, counted from 0, at least one.");
       values.push_back(*number);
-      if (end == rest.size()) break;
-      rest.remove_prefix(end + 1);
     }
     std::ranges::sort(values);
     values.erase(std::ranges::unique(values).begin(), values.end());

@@ -3,6 +3,7 @@
 #include <charconv>
 #include <optional>
 
+#include "core/base/text.h"
 #include "core/write/decimal.h"
 #include "core/write/export.h"
 #include "core/write/import_check.h"
@@ -10,11 +11,7 @@
 namespace spherule {
 namespace {
 
-std::string_view trimmed(std::string_view text) {
-  const auto first = text.find_first_not_of(" \t");
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(" \t") - first + 1);
-}
+constexpr std::string_view kBlanks = " \t";
 
 // R and pandas may quote the names of columns.
 std::string_view unquoted(std::string_view text) {
@@ -44,7 +41,7 @@ Columns parse_header(std::string_view line, std::size_t number) {
   std::array<bool, 4> seen{};
   for (bool more = true; more;) {
     more = line.find(',') != std::string_view::npos;
-    const std::string_view name = unquoted(trimmed(take(line, ',')));
+    const std::string_view name = unquoted(trimmed(take(line, ','), kBlanks));
     const auto which = name.size() == 1 ? kNames.find(name.front()) : std::string_view::npos;
     if (which == std::string_view::npos) {
       columns.push_back(std::nullopt);
@@ -65,7 +62,7 @@ Sphere parse_row(std::string_view line, const Columns& columns, std::size_t numb
   std::size_t column = 0;
   for (bool more = true; more; ++column) {
     more = line.find(',') != std::string_view::npos;
-    const std::string_view field = trimmed(take(line, ','));
+    const std::string_view field = trimmed(take(line, ','), kBlanks);
     if (column >= columns.size()) malformed(number, "has more fields than the header has columns.");
     if (!columns[column]) continue;
     const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), values[*columns[column]],
@@ -107,7 +104,7 @@ std::vector<Sphere> spheres_from_csv(std::string_view bytes, const ImportLimits&
   for (std::size_t number = 1; !bytes.empty(); ++number) {
     std::string_view line = take(bytes, '\n');
     if (line.ends_with('\r')) line.remove_suffix(1);
-    line = trimmed(line);
+    line = trimmed(line, kBlanks);
     if (line.empty() || line.front() == '#') continue;
     if (!columns) {
       columns = parse_header(line, number);

@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/option_values.h"
 #include "core/base/ranges.h"
+#include "core/base/text.h"
 #include "core/sampled/object.h"
 #include "core/write/export_grids.h"
 
@@ -43,8 +44,8 @@ constexpr std::array<std::string_view, 2> kLinks = {"link", "origin"}, kClumps =
                                           kGlb = {"style", "detail"};
 constexpr std::array<std::string_view, 1> kGrids = {"voxel_mm"};
 
-double number_in(const ranges::Real& range, std::string_view name, std::string_view text) {
-  const auto value = detail::number_in<double>(text);
+double number_within(const ranges::Real& range, std::string_view name, std::string_view text) {
+  const auto value = number_in<double>(text);
   if (!value || !range.holds(*value)) detail::refuse_option(name, "Give a number " + range.words() + ".");
   return *value;
 }
@@ -65,7 +66,7 @@ bool second_of(std::string_view name, std::string_view text, std::string_view fi
 
 void set(FileOptions& options, std::string_view name, std::string_view text) {
   if (name == "density") {
-    options.density_kg_m3 = number_in(ranges::density, name, text);
+    options.density_kg_m3 = number_within(ranges::density, name, text);
   } else if (name == "link") {
     if (!is_name(text)) {
       detail::refuse_option(name, "Give a letter or underscore and then at most 63 letters, digits and underscores.");
@@ -77,22 +78,22 @@ void set(FileOptions& options, std::string_view name, std::string_view text) {
     options.glb.style =
         second_of(name, text, "instanced", "mesh") ? GlbOptions::Style::mesh : GlbOptions::Style::instanced;
   } else if (name == "detail") {
-    const auto value = detail::number_in<int>(text);
+    const auto value = number_in<int>(text);
     if (!value || !ranges::detail.holds(*value))
       detail::refuse_option(name, "Give a whole number " + ranges::detail.words() + ".");
     options.glb.detail = *value;
   } else {
-    options.voxel_mm = number_in(ranges::voxel_mm, name, text);
+    options.voxel_mm = number_within(ranges::voxel_mm, name, text);
   }
 }
 
-std::string text_of(const FileOptions& options, std::string_view name) {
-  if (name == "density") return detail::text_of_number(options.density_kg_m3);
+std::string value_of(const FileOptions& options, std::string_view name) {
+  if (name == "density") return text_of(options.density_kg_m3);
   if (name == "link") return options.link;
   if (name == "origin") return options.origin == BodyOrigin::frame ? "frame" : "centre";
   if (name == "style") return options.glb.style == GlbOptions::Style::instanced ? "instanced" : "mesh";
-  if (name == "detail") return detail::text_of_number(options.glb.detail);
-  return options.voxel_mm ? detail::text_of_number(*options.voxel_mm) : "";
+  if (name == "detail") return text_of(options.glb.detail);
+  return options.voxel_mm ? text_of(*options.voxel_mm) : "";
 }
 
 Box box_of(std::span<const Sphere> spheres) {
@@ -174,7 +175,8 @@ FileOptions parse_file_options(FileFormat format, const OptionTexts& given) {
 OptionTexts file_option_texts(FileFormat format, const FileOptions& options) {
   OptionTexts texts;
   for (const std::string_view name : file_option_names(format)) {
-    if (std::string text = text_of(options, name); text != text_of({}, name)) texts.emplace_back(name, std::move(text));
+    if (std::string text = value_of(options, name); text != value_of({}, name))
+      texts.emplace_back(name, std::move(text));
   }
   return texts;
 }
