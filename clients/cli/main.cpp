@@ -21,6 +21,7 @@
 #include "clients/cli/report.h"
 #include "core/base/error.h"
 #include "core/boundary.h"
+#include "core/compare/marching_cubes.h"
 #include "core/measure/checks.h"
 #include "core/measure/report.h"
 #include "core/measure/union.h"
@@ -426,11 +427,25 @@ struct Run {
   }
 
   void render() {
-    const BuiltModel built = obtain();
+    std::optional<Volume> volume;
+    if (!holds_spheres(options, files)) volume.emplace(read());
+    const BuiltModel built = volume ? build(*volume) : obtain();
     counts(built);
-    const Image image = timed(
-        "render", [&] { return spherule::render(std::array{Subject{&built.model}}, options.render, context).front(); });
-    write_file(options.out, timed("png", [&] { return encode_png(image); }));
+    std::optional<Mesh> surface;
+    if (volume && options.render.style == Style::surface) {
+      surface = timed("surface", [&] {
+        const ObjectRule object = rule(*volume);
+        return marching_cubes(*volume, object, classify_samples(*volume, object, context), built.model.solid->boundary,
+                              context);
+      });
+    }
+    const Subject subject{.model = &built.model, .surface = surface ? &*surface : nullptr};
+    const auto frames = timed("render", [&] { return spherule::render(std::array{subject}, options.render, context); });
+    const bool turns = options.render.turntable > 0;
+    constexpr int kFramesPerSecond = 15;
+    write_file(options.out, timed(turns ? "gif" : "png", [&] {
+                 return turns ? encode_gif(frames, kFramesPerSecond, context) : encode_png(frames.front(), context);
+               }));
   }
 
   void go() {
@@ -454,12 +469,11 @@ void check_output(const Options& options) {
   if (options.out.empty()) {
     if (picture || options.command == "export") throw UsageError("Say where to: -o FILE.");
   } else if (picture) {
-    if (options.out.extension() != ".png") throw UsageError("Pictures are PNG: -o FILE.png.");
+    const bool turns = options.render.turntable > 0;
+    if (options.out.extension() != (turns ? ".gif" : ".png"))
+      throw UsageError(turns ? "Turntables are GIF: -o FILE.gif." : "Pictures are PNG: -o FILE.png.");
   } else if (options.command == "register") {
     if (options.out.extension() != ".tfm") throw UsageError("Transforms are ITK's text files: -o FILE.tfm.");
-  } else if (options.command != "points" && options.command != "model" && options.command != "simplify" &&
-             options.command != "export") {
-    throw UsageError("The command " + options.command + " writes no file; leave out -o.");
   } else if (table_format(options.out) != nullptr) {
     if (!options.file.empty()) throw UsageError("Tables have no options; leave out --file.");
   } else if (const auto format = other_format(options.out); format && options.command != "points") {
@@ -482,6 +496,17 @@ void check_inputs(const Options& options) {
   if (options.rule && spheres && fixed_spheres) throw UsageError("A set of spheres has no threshold, range or labels.");
 }
 
+void check_picture(const RenderOptions& o, bool of_spheres) {
+  check_render_options(o);
+  if (of_spheres && (o.style == Style::tetrahedra || o.style == Style::surface || o.style == Style::points))
+    throw UsageError("A set of spheres has no tetrahedra, surface or points; choose another --style.");
+  // Where the object is is not known yet: what is looked at stands for it.
+  if (const auto& viewpoint = o.camera.viewpoint; viewpoint && viewpoint->look_at) {
+    const Box box = box_of(Sphere{*viewpoint->look_at, 1});
+    static_cast<void>(make_camera(o.camera, View::anterior, 0, box, o.width, o.height));
+  }
+}
+
 void check(const Options& options) {
   check_output(options);
   check_inputs(options);
@@ -492,7 +517,7 @@ void check(const Options& options) {
     check_method(*options.method, std::numeric_limits<std::size_t>::max());
   }
   if (options.command == "register") check_registration_options({.transform = options.transform});
-  if (options.command == "render") check_render_options(options.render);
+  if (options.command == "render") check_picture(options.render, spheres);
   if (const auto format = other_format(options.out); format && table_format(options.out) == nullptr) {
     check_exportable(*format, 1, !spheres, parse_file_options(*format, options.file));
   }
@@ -514,8 +539,8 @@ int main(int argc, char** argv) {
   };
   try {
     const Options options = parse(argc, argv);
-    if (options.help) {
-      std::fputs(usage, stdout);
+    if (!options.help.empty()) {
+      std::fputs(options.help.c_str(), stdout);
       return 0;
     }
     check(options);

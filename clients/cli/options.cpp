@@ -1,107 +1,34 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "clients/cli/options.h"
 
-#include <getopt.h>
-
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
+#include <functional>
 #include <string_view>
 #include <thread>
 
-#include "core/base/error.h"
+#include "core/base/text.h"
+#include "core/render/options.h"
 
 namespace spherule::cli {
-
-const char* const usage =
-    R"(spherule COMMAND FILE... [options]: run stages of Spherule on a file, without the server
-
-Commands
-  info      what the volume is: size, spacing, type, range of values
-  points    boundary points (-o writes them as spheres of radius 0)
-  model     the sphere model, stage by stage (-o writes its spheres)
-  simplify  a simpler model, and how near it is to the object (-o writes its spheres)
-  register  the transform that lays FILE on the fixed file, and how good it is (-o transform.tfm, for ITK and 3D Slicer)
-  measures  volume, area, moments and topology of each representation; thickness, components, enclosing sphere
-  checks    the model's own guarantees, with counts of violations
-  render    a picture of the spheres (-o picture.png)
-  export    the spheres as a file (-o FILE, see Files)
-
-FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; a header's data may lie beside it), or for model, simplify,
-measures, render and export a set of spheres (.csv or .npy with x y z r in mm).
-
-The object
-  --threshold T          inside where value >= T
-  --range LO,HI          inside where LO <= value <= HI
-  --labels A,B,...       inside where the value is one of these whole numbers
-  --below, --above       which side is inside (default: above; level sets: below)
-  --border closed|open   at the border of the volume (default: closed, half a voxel beyond it)
-
-Reading
-  --raw NX,NY,NZ,TYPE[,SX,SY,SZ[,OX,OY,OZ]][,big]   headerless samples, x fastest; TYPE by NumPy's names
-  --frame N              of a file of several volumes
-  --grid NAME            of an OpenVDB file
-
-Simplification
-  --method sphericity[,threshold=T][,limit=N][,representative=R]    clusters at least so round, at most N
-  --method median|average[,k=N][,representative=R]                  N clusters, by splitting the widest one
-  --method prune,least_radius_mm=R                                  spheres of at least this radius
-  --method prune,buckets=B,...[,bucket_count=N]                     spheres in these buckets of the radii
-  --method prune,volume_share=S | prune,k=N                         spheres with the largest parts of the volume
-  --method best,k=N | best,iou=S[,mode=inner|best|outer]            the N spheres that overlap best, or enough of them
-R is enclosing, largest, mean or volume.
-
-Registration
-  --fixed FILE           what FILE is laid on; again for each file of it
-  --transform T          rigid, similarity or affine (default: similarity)
-
-Files of spheres, by the ending of -o
-  .csv .npy .ply .vtp                    tables
-  .urdf .srdf .xrdf .yml                 robots' collision spheres (.yml: cuRobo)
-  .multisphere .molecule .clump.txt      clumps for LIGGGHTS, LAMMPS, YADE
-  .xyz .pqr .glb                         viewers
-  .vdb .nii.gz                           OpenVDB level set, mask on the grid of the scan
-  --file NAME=VALUE[,NAME=VALUE...]      of all but tables: density=KG_M3, link=NAME, origin=frame|centre,
-                                         style=instanced|mesh, detail=0..5, voxel_mm=D, where the format has them
-
-Pictures
-  --view a|p|r|l|h|f     seen from the front, back, right, left, above (head), below (feet) (default: a)
-  --size W[xH]           pixels (default: 800)
-  --samples N            N x N rays a pixel (default: 3)
-  --background transparent|white|dark
-
-Other
-  -o, --output FILE      what to write
-  --threads N            (default: as many as the machine has)
-  --plain                "key value" lines for scripts, the unit at the end of the key
-  --help
-
-Exit status: 0 done, 1 the data cannot be used, 2 the command line makes no sense.
-)";
-
 namespace {
 
-constexpr std::array kCommands{"info",     "points", "model",  "simplify", "register",
-                               "measures", "checks", "render", "export"};
-
 template <typename T>
-T number(std::string_view text, std::string_view option) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (text.empty() || error != std::errc{} || end != text.data() + text.size())
-    throw UsageError(std::string(option) + " expects a number, not \"" + std::string(text) + "\".");
-  return value;
+T number(std::string_view text, const char* option) {
+  const auto value = number_in<T>(text);
+  if (!value) throw UsageError(std::string(option) + " expects a number, not \"" + std::string(text) + "\".");
+  return *value;
 }
 
-std::vector<std::string_view> split(std::string_view text, char separator) {
-  std::vector<std::string_view> parts;
-  for (;;) {
-    const auto end = text.find(separator);
-    parts.push_back(text.substr(0, end));
-    if (end == std::string_view::npos) return parts;
-    text.remove_prefix(end + 1);
-  }
+// The enumerator with the number of the word.
+template <typename T, std::size_t N>
+T one_of(const std::array<std::string_view, N>& words, std::string_view text, const char* option) {
+  const auto found = std::ranges::find(words, text);
+  if (found == words.end())
+    throw UsageError(std::string(option) + " is one of " + listed(words) + ", not \"" + std::string(text) + "\".");
+  return static_cast<T>(found - words.begin());
 }
 
 RawLayout parse_raw(std::string_view text) {
@@ -134,8 +61,7 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
       if (parts.size() != 2) throw UsageError("--range expects two numbers, LO,HI.");
       rule.lo = number<double>(parts[0], "--range");
       rule.hi = number<double>(parts[1], "--range");
-      if (!std::isfinite(rule.hi) || !(rule.lo <= rule.hi))
-        throw UsageError("--range expects two finite numbers, the smaller one first.");
+      if (!(rule.lo <= rule.hi)) throw UsageError("--range expects two numbers, the smaller one first.");
       break;
     case ObjectRule::Kind::labels:
       for (const auto part : parts) {
@@ -147,7 +73,6 @@ ObjectRule parse_rule(ObjectRule::Kind kind, std::string_view text) {
       rule.labels.erase(std::unique(rule.labels.begin(), rule.labels.end()), rule.labels.end());
       break;
   }
-  if (!std::isfinite(rule.lo)) throw UsageError("--threshold and --range expect finite numbers.");
   return rule;
 }
 
@@ -167,138 +92,307 @@ OptionTexts method_words(std::string_view text) {
   return words;
 }
 
-// The value of a table of names, or a UsageError that lists them.
-template <typename T, std::size_t N>
-T one_of(const std::array<std::pair<const char*, T>, N>& table, std::string_view text, std::string_view option) {
-  std::string names;
-  for (const auto& [name, value] : table) {
-    if (text == name) return value;
-    names += (names.empty() ? "" : ", ") + std::string(name);
+void add_file_words(std::string_view text, OptionTexts& words) {
+  for (const std::string_view part : split(text, ',')) {
+    const std::size_t equals = part.find('=');
+    if (equals == part.npos) throw UsageError("--file expects NAME=VALUE, then others after commas.");
+    words.emplace_back(part.substr(0, equals), part.substr(equals + 1));
   }
-  throw UsageError(std::string(option) + " is one of " + names + ", not \"" + std::string(text) + "\".");
+}
+
+// A command line as it is read: what is settled only once all of it is known.
+struct Reading {
+  Options options;
+  Border border = Border::closed;
+  OptionTexts picture;
+};
+
+// Options in one group of a command's help.
+class Group {
+ public:
+  Group(CLI::App& command, const char* title) : command_(command), title_(title) {}
+
+  void value(const std::string& names, const char* value, const char* what,
+             const std::function<void(const std::string&)>& read) {
+    command_.add_option_function<std::string>(names, read, what)->type_name(value)->group(title_);
+  }
+  // Given as often as one likes, with one value each time.
+  void values(const std::string& names, const char* value, const char* what,
+              const std::function<void(const std::vector<std::string>&)>& read) {
+    CLI::Option* option = command_.add_option_function<std::vector<std::string>>(names, read, what);
+    option->type_name(value)->group(title_);
+    option->allow_extra_args(false);
+  }
+  void flag(const std::string& name, const char* what, const std::function<void()>& set) {
+    command_.add_flag_callback(name, set, what)->group(title_);
+  }
+
+ private:
+  CLI::App& command_;
+  const char* title_;
+};
+
+void add_object(CLI::App& command, Reading& r) {
+  Group group(command, "The object");
+  const auto rule = [&](const char* names, const char* value, const char* what, ObjectRule::Kind kind) {
+    group.value(names, value, what, [&r, kind](const std::string& text) {
+      if (r.options.rule) throw UsageError("Give one of --threshold, --range and --labels, once.");
+      r.options.rule = parse_rule(kind, text);
+    });
+  };
+  rule("--threshold", "T", "inside where value >= T", ObjectRule::Kind::threshold);
+  rule("--range", "LO,HI", "inside where LO <= value <= HI", ObjectRule::Kind::range);
+  rule("--labels", "A,B,...", "inside where the value is one of these whole numbers", ObjectRule::Kind::labels);
+  group.flag("--below", "inside is below the threshold (default of level sets)",
+             [&r] { r.options.side = Side::below; });
+  group.flag("--above", "inside is above it (default of all others)", [&r] { r.options.side = Side::above; });
+  group.value("--border", "closed|open", "at the border of the volume (default: closed, half a voxel beyond it)",
+              [&r](const std::string& text) {
+                r.border = one_of<Border>(std::to_array<std::string_view>({"closed", "open"}), text, "--border");
+              });
+}
+
+void add_volume(CLI::App& command, Reading& r) {
+  Group group(command, "The volume");
+  group.value("--raw", "NX,NY,NZ,TYPE[,SX,SY,SZ[,OX,OY,OZ]][,big]",
+              "headerless samples, x fastest; TYPE by NumPy's names",
+              [&r](const std::string& text) { r.options.read.raw = parse_raw(text); });
+  group.value("--frame", "N", "of a file of several volumes",
+              [&r](const std::string& text) { r.options.read.frame = number<int>(text, "--frame"); });
+  group.value("--grid", "NAME", "of an OpenVDB file", [&r](const std::string& text) { r.options.read.grid = text; });
+}
+
+void add_output(CLI::App& command, const char* what, Reading& r) {
+  Group(command, "Output").value("-o,--output", "FILE", what, [&r](const std::string& text) { r.options.out = text; });
+}
+
+// Below the options in the command's help.
+void explain(CLI::App& command, const char* text) {
+  const std::string before = command.get_footer();
+  command.footer(before.empty() ? text : before + "\n\n" + text);
+}
+
+void add_sphere_file(CLI::App& command, const char* what, Reading& r) {
+  add_output(command, what, r);
+  Group(command, "Output")
+      .values("--file", "NAME=VALUE,...",
+              "what the file's format has of density=KG_M3, link=NAME, origin=frame|centre,\n"
+              "style=instanced|mesh, detail=0..5, voxel_mm=D",
+              [&r](const std::vector<std::string>& texts) {
+                for (const std::string& text : texts) add_file_words(text, r.options.file);
+              });
+  explain(command, R"(Files of spheres, by the ending of -o
+  .csv .npy .ply .vtp                    tables
+  .urdf .srdf .xrdf .yml                 robots' collision spheres (.yml: cuRobo)
+  .multisphere .molecule .clump.txt      clumps for LIGGGHTS, LAMMPS, YADE
+  .xyz .pqr .glb                         viewers
+  .vdb .nii.gz                           OpenVDB level set, mask on the grid of the scan)");
+}
+
+void add_method(CLI::App& command, Reading& r) {
+  Group(command, "Simplification").value("--method", "NAME,...", "see Methods", [&r](const std::string& text) {
+    r.options.method = parse_method(method_words(text));
+  });
+  explain(command, R"(Methods
+  --method sphericity[,threshold=T][,limit=N][,representative=R]    clusters at least so round, at most N
+  --method median|average[,k=N][,representative=R]                  N clusters, by splitting the widest one
+  --method prune,least_radius_mm=R                                  spheres of at least this radius
+  --method prune,buckets=B,...[,bucket_count=N]                     spheres in these buckets of the radii
+  --method prune,volume_share=S | prune,k=N                         spheres with the largest parts of the volume
+  --method best,k=N | best,iou=S[,mode=inner|best|outer]            the N spheres that overlap best, or enough of them
+R is enclosing, largest, mean or volume.)");
+}
+
+void add_registration(CLI::App& command, Reading& r) {
+  Group group(command, "Registration");
+  group.values("--fixed", "FILE", "what FILE is laid on; again for each file of it",
+               [&r](const std::vector<std::string>& files) { r.options.fixed.assign(files.begin(), files.end()); });
+  group.value("--transform", "T", "rigid, similarity or affine (default: similarity)", [&r](const std::string& text) {
+    constexpr auto kWords = std::to_array<std::string_view>({"rigid", "similarity", "affine"});
+    r.options.transform = one_of<TransformKind>(kWords, text, "--transform");
+  });
+}
+
+struct PictureHelp {
+  std::string_view name;
+  const char *value, *what;
+};
+// Of what core/render/options.h names.
+constexpr auto kPictureHelp = std::to_array<PictureHelp>({
+    {"style", "NAME", "spheres, blobs, tetrahedra, surface, points or centres"},
+    {"smoothness", "S", "of blobs: over how many median radii they blend (default: 0.5)"},
+    {"point_radius", "MM", "of points and centres (default: one that suits the model)"},
+    {"min_radius", "MM", "smaller spheres are left out"},
+    {"max_radius", "MM", "larger ones are left out"},
+    {"buckets", "0,3-5,...", "only spheres in these buckets of the radii, counted from 0"},
+    {"bucket_count", "N", "of those buckets (default: 40)"},
+    {"width", "N", "pixels of a view (default: 800)"},
+    {"height", "N", "pixels (default: 800)"},
+    {"samples", "N", "N x N rays a pixel at edges (default: 3)"},
+    {"background", "NAME", "transparent, white, dark or gradient (default: transparent)"},
+    {"view", "a|p|r|l|h|f", "from the front, back, right, left, above (head), below (feet) (default: a)"},
+    {"views", "a,r,h,...", "several, side by side and to one scale"},
+    {"position", "X,Y,Z", "where the camera stands instead, LPS mm"},
+    {"look_at", "X,Y,Z", "what is in the middle of the picture (default: the middle of the object)"},
+    {"up", "X,Y,Z", "the direction that is up in the picture (default: the head)"},
+    {"fit", "true|false", "keep only the direction of the camera, and fit the object (default: false)"},
+    {"projection", "NAME", "orthographic or perspective (default: orthographic)"},
+    {"field_of_view", "DEG", "across the shorter side (default: 25)"},
+    {"clip", "X,Y,Z[,D]", "keep what has (X,Y,Z) . point <= D (default: up to the middle)"},
+    {"turntable", "N", "frames of one turn, as a GIF (-o FILE.gif)"},
+    {"shadows", "true|false", "of the key light (default: true)"},
+    {"ambient_occlusion", "true|false", "shadows of the sky (default: true)"},
+    {"opacity", "S", "of the surface (default: 1)"},
+    {"colour_by", "NAME", "none, radius, contribution, component, cluster or curvature"},
+    {"colour_map", "NAME", "ember, lagoon, grey or tide (default: ember; curvature: tide)"},
+    {"colour_range", "LO,HI", "the numbers at its ends (default: of the middle 98 %)"},
+    {"legend", "true|false", "where colours are numbers (default: true)"},
+    {"marker", "true|false", "the patient's axes (default: false)"},
+    {"scale_bar", "true|false", "(default: false)"},
+});
+
+void add_picture(CLI::App& command, Reading& r) {
+  Group group(command, "The picture");
+  for (const std::string_view name : render_option_names()) {
+    if (name == "layout") continue;  // of two models
+    std::string option = "--" + std::string(name);
+    std::ranges::replace(option, '_', '-');
+    const auto help = std::ranges::find(kPictureHelp, name, &PictureHelp::name);
+    const bool told = help != kPictureHelp.end();
+    group.value(option, told ? help->value : "VALUE", told ? help->what : "",
+                [&r, name](const std::string& text) { r.picture.emplace_back(name, text); });
+  }
+  group.value("--size", "W[xH]", "width and height in one", [&r](const std::string& text) {
+    const auto parts = split(text, 'x');
+    if (parts.size() > 2) throw UsageError("--size expects W or WxH, in pixels.");
+    r.picture.emplace_back("width", parts.front());
+    r.picture.emplace_back("height", parts.back());
+  });
+}
+
+void add_others(CLI::App& command, Reading& r) {
+  Group group(command, "Other");
+  group.value("--threads", "N", "(default: as many as the machine has)", [&r](const std::string& text) {
+    r.options.threads = number<unsigned>(text, "--threads");
+    if (r.options.threads < 1 || r.options.threads > 1024) throw UsageError("--threads is within 1 and 1024.");
+  });
+  group.flag("--plain", "\"key value\" lines for scripts, the unit at the end of the key",
+             [&r] { r.options.plain = true; });
+}
+
+// A page of help whose explanations begin at a column.
+class Page : public CLI::Formatter {
+ public:
+  explicit Page(std::size_t column) { column_width(column); }
+  std::string make_usage(const CLI::App* app, std::string) const override {
+    return "\nUsage: spherule " + (app->get_parent() != nullptr ? app->get_name() : "COMMAND") + " FILE... [options]\n";
+  }
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    std::string text = Formatter::make_help(app, std::move(name), mode);
+    for (std::size_t at; (at = text.find("\n\n\n")) != text.npos;) text.erase(at, 1);
+    return text;
+  }
+};
+
+CLI::App* add_command(CLI::App& app, const char* name, const char* what, Reading& r) {
+  CLI::App* command = app.add_subcommand(name, what)->group("Commands")->allow_extras();
+  command->formatter(std::make_shared<Page>(25));
+  command->get_help_ptr()->group("");
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "FILE", [&r](const std::vector<std::string>& files) { r.options.files.assign(files.begin(), files.end()); })
+      ->group("");
+  return command;
+}
+
+void add_commands(CLI::App& app, Reading& r) {
+  const char* const spheres = "the spheres, see below";
+  const auto command = [&](const char* name, const char* what) -> CLI::App& {
+    CLI::App& made = *add_command(app, name, what, r);
+    if (std::string_view(name) != "info") add_object(made, r);
+    add_volume(made, r);
+    return made;
+  };
+  command("info", "what the volume is: size, spacing, type, range of values");
+  add_output(command("points", "boundary points (-o writes them as spheres of radius 0)"),
+             "the points as spheres of radius 0: .csv, .npy, .ply or .vtp", r);
+  add_sphere_file(command("model", "the sphere model, stage by stage (-o writes its spheres)"), spheres, r);
+  CLI::App& simplify = command("simplify", "a simpler model, and how near it is to the object (-o writes its spheres)");
+  add_method(simplify, r);
+  add_sphere_file(simplify, spheres, r);
+  CLI::App& registration = command("register", "the transform that lays FILE on the fixed file, and how good it is");
+  add_registration(registration, r);
+  add_output(registration, "the transform, for ITK and 3D Slicer: .tfm", r);
+  command("measures",
+          "volume, area, moments and topology of each representation; thickness, components, enclosing sphere");
+  command("checks", "the model's own guarantees, with counts of violations");
+  CLI::App& render = command("render", "a picture of the spheres (-o picture.png)");
+  add_picture(render, r);
+  add_output(render, "the picture: .png, or .gif of a turntable", r);
+  add_sphere_file(command("export", "the spheres as a file (-o FILE)"), spheres, r);
+  for (CLI::App* each : app.get_subcommands({})) add_others(*each, r);
+}
+
+// What the parser refuses, in our words: an option that is given twice, or the last one without its value.
+[[noreturn]] void refuse(const CLI::App& command, const std::string& last) {
+  for (const CLI::Option* option : command.get_options())
+    if (option->count() > 1 && option->get_expected_max() == 1)
+      throw UsageError("Give " + option->get_name() + " once.");
+  throw UsageError(last + " needs a value.");
+}
+
+void check_words(const CLI::App& app, const Options& options) {
+  const auto commands = app.get_subcommands();
+  const auto strange = app.remaining(true);
+  if (commands.empty() && strange.empty())
+    throw UsageError("Say what to do: spherule COMMAND FILE...; see spherule --help.");
+  if (commands.empty() && !strange.front().starts_with('-'))
+    throw UsageError("There is no command \"" + strange.front() + "\"; see spherule --help.");
+  if (!app.remaining().empty())
+    throw UsageError("Begin with the command: spherule COMMAND FILE... [options]; see spherule --help.");
+  const std::string& name = commands.front()->get_name();
+  if (!strange.empty())
+    throw UsageError("The command " + name + " has no option " + strange.front() + "; see spherule " + name +
+                     " --help.");
+  if (options.files.empty()) throw UsageError("Name a file: spherule " + name + " FILE....");
 }
 
 }  // namespace
 
 Options parse(int argc, char** argv) {
-  enum Long {
-    threshold = 256,
-    range,
-    labels,
-    below,
-    above,
-    border,
-    raw,
-    frame,
-    grid,
-    method,
-    file,
-    view,
-    size,
-    samples,
-    background,
-    fixed,
-    transform,
-    threads,
-    plain,
-    help
-  };
-  static const option kLong[] = {{"threshold", required_argument, nullptr, threshold},
-                                 {"range", required_argument, nullptr, range},
-                                 {"labels", required_argument, nullptr, labels},
-                                 {"below", no_argument, nullptr, below},
-                                 {"above", no_argument, nullptr, above},
-                                 {"border", required_argument, nullptr, border},
-                                 {"raw", required_argument, nullptr, raw},
-                                 {"frame", required_argument, nullptr, frame},
-                                 {"grid", required_argument, nullptr, grid},
-                                 {"method", required_argument, nullptr, method},
-                                 {"file", required_argument, nullptr, file},
-                                 {"fixed", required_argument, nullptr, fixed},
-                                 {"transform", required_argument, nullptr, transform},
-                                 {"view", required_argument, nullptr, view},
-                                 {"size", required_argument, nullptr, size},
-                                 {"samples", required_argument, nullptr, samples},
-                                 {"background", required_argument, nullptr, background},
-                                 {"output", required_argument, nullptr, 'o'},
-                                 {"threads", required_argument, nullptr, threads},
-                                 {"plain", no_argument, nullptr, plain},
-                                 {"help", no_argument, nullptr, help},
-                                 {nullptr, 0, nullptr, 0}};
-  Options options;
-  options.threads = std::max(1U, std::thread::hardware_concurrency());
-  Border rule_border = Border::closed;
-  const auto set_rule = [&](ObjectRule::Kind kind) {
-    if (options.rule) throw UsageError("Give one of --threshold, --range and --labels, once.");
-    options.rule = parse_rule(kind, optarg);
-  };
-  opterr = 0;
-  for (int c; (c = getopt_long(argc, argv, ":o:", kLong, nullptr)) != -1;) {
-    switch (c) {
-      case threshold: set_rule(ObjectRule::Kind::threshold); break;
-      case range: set_rule(ObjectRule::Kind::range); break;
-      case labels: set_rule(ObjectRule::Kind::labels); break;
-      case below: options.side = Side::below; break;
-      case above: options.side = Side::above; break;
-      case border:
-        rule_border = one_of(std::array{std::pair{"closed", Border::closed}, std::pair{"open", Border::open}}, optarg,
-                             "--border");
-        break;
-      case raw: options.read.raw = parse_raw(optarg); break;
-      case frame: options.read.frame = number<int>(optarg, "--frame"); break;
-      case grid: options.read.grid = optarg; break;
-      case method: options.method = parse_method(method_words(optarg)); break;
-      case file:
-        for (const std::string_view part : split(optarg, ',')) {
-          const std::size_t equals = part.find('=');
-          if (equals == part.npos) throw UsageError("--file expects NAME=VALUE, then others after commas.");
-          options.file.emplace_back(part.substr(0, equals), part.substr(equals + 1));
-        }
-        break;
-      case fixed: options.fixed.emplace_back(optarg); break;
-      case transform:
-        options.transform = one_of(
-            std::array{std::pair{"rigid", TransformKind::rigid}, std::pair{"similarity", TransformKind::similarity},
-                       std::pair{"affine", TransformKind::affine}},
-            optarg, "--transform");
-        break;
-      case view:
-        options.render.views.front() = one_of(
-            std::array{std::pair{"a", View::anterior}, std::pair{"p", View::posterior}, std::pair{"r", View::right},
-                       std::pair{"l", View::left}, std::pair{"h", View::head}, std::pair{"f", View::foot}},
-            optarg, "--view");
-        break;
-      case size: {
-        const auto parts = split(optarg, 'x');
-        if (parts.size() > 2) throw UsageError("--size expects W or WxH, in pixels.");
-        options.render.width = number<int>(parts.front(), "--size");
-        options.render.height = number<int>(parts.back(), "--size");
-        break;
-      }
-      case samples: options.render.samples_per_axis = number<int>(optarg, "--samples"); break;
-      case background:
-        options.render.background =
-            one_of(std::array{std::pair{"transparent", Background::transparent}, std::pair{"white", Background::white},
-                              std::pair{"dark", Background::dark}},
-                   optarg, "--background");
-        break;
-      case 'o': options.out = optarg; break;
-      case threads: options.threads = number<unsigned>(optarg, "--threads"); break;
-      case plain: options.plain = true; break;
-      case help: options.help = true; return options;
-      case ':': throw UsageError(std::string(argv[optind - 1]) + " needs a value.");
-      default: throw UsageError("There is no option " + std::string(argv[optind - 1]) + "; see spherule --help.");
-    }
+  Reading r;
+  r.options.threads = std::max(1U, std::thread::hardware_concurrency());
+  CLI::App app("Runs stages of Spherule on a file, without the server.");
+  app.formatter(std::make_shared<Page>(12));
+  app.allow_extras()->require_subcommand(0, 1);
+  add_commands(app, r);
+  app.get_help_ptr()->group("");  // only now: what is hidden is not handed on to commands
+  app.footer(
+      R"(FILE is a volume (NIfTI, NRRD, MetaImage, OpenVDB, raw; a header's data may lie beside it), or for model, simplify,
+register, measures, render and export a set of spheres (.csv or .npy with x y z r in mm).
+
+Each command tells its options: spherule COMMAND --help. Most need to know what the object is:
+  spherule measures head.nii.gz --threshold 60.5
+  spherule render head.nii.gz --threshold 60.5 -o head.png
+  spherule simplify head.nii.gz --threshold 60.5 --method best,k=64 -o few.csv
+  spherule export few.csv -o few.urdf --file density=1050
+
+Exit status: 0 done, 1 the data cannot be used, 2 the command line makes no sense.)");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    r.options.help = app.help();
+    return r.options;
+  } catch (const CLI::ConversionError&) {
+    throw UsageError("--below, --above and --plain take no value.");
+  } catch (const CLI::ParseError&) {
+    refuse(app.get_subcommands().empty() ? app : *app.get_subcommands().front(), argv[argc - 1]);
   }
-  if (options.rule) options.rule->border = rule_border;
-  if (options.threads < 1 || options.threads > 1024) throw UsageError("--threads is within 1 and 1024.");
-  if (optind >= argc) throw UsageError("Say what to do: spherule COMMAND FILE...; see spherule --help.");
-  options.command = argv[optind++];
-  if (std::ranges::find(kCommands, options.command) == kCommands.end())
-    throw UsageError("There is no command \"" + options.command + "\"; see spherule --help.");
-  options.files.assign(argv + optind, argv + argc);
-  if (options.files.empty()) throw UsageError("Name a file: spherule " + options.command + " FILE....");
-  return options;
+  check_words(app, r.options);
+  r.options.command = app.get_subcommands().front()->get_name();
+  if (r.options.rule) r.options.rule->border = r.border;
+  r.options.render = parse_render_options(r.picture);
+  return r.options;
 }
 
 }  // namespace spherule::cli

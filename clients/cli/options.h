@@ -23,6 +23,7 @@ struct UsageError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// What is to be done, to what and how.
 struct Options {
   std::string command;  ///< info, points, model, simplify, register, measures, checks, render or export
   std::vector<std::filesystem::path> files;  ///< at least one
@@ -37,13 +38,10 @@ struct Options {
   OptionTexts file;           ///< of the file's format (core/write/export_file.h), by its names
   unsigned threads = 1;
   bool plain = false;  ///< "key value" lines for scripts
-  bool help = false;
+  std::string help;    ///< not empty: what is asked for is this text, and nothing else is set
 };
 
-/// What `spherule --help` prints.
-extern const char* const usage;
-
-/// Throws UsageError.
+/// Throws UsageError, and what parse_method and parse_render_options throw: all before anything is read or computed.
 Options parse(int argc, char** argv);
 
 }  // namespace spherule::cli

@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -18,6 +19,8 @@
 
 #include "core/measure/union.h"
 #include "core/read/read.h"
+#include "core/render/options.h"
+#include "core/render/render.h"
 #include "core/write/export.h"
 #include "core/write/export_file.h"
 
@@ -194,6 +197,29 @@ TEST_F(Command, RendersAPicture) {
   EXPECT_EQ(bytes("ball.png").substr(0, 8), "\x89PNG\r\n\x1a\n");
 }
 
+// Every option that a picture of the REST interface has, by its name with dashes for underscores.
+TEST_F(Command, PicturesHaveTheOptionsOfTheInterface) {
+  std::ofstream(folder_ / "few.csv") << "x,y,z,r\n0,0,0,3\n5,0,0,2\n0,4,2,1.5\n";
+  SphereModel model;
+  model.spheres = spheres_from_csv(bytes("few.csv"));
+  const OptionTexts given{{"style", "blobs"},      {"smoothness", "0.25"},  {"views", "a,l"},
+                          {"width", "64"},         {"height", "48"},        {"background", "gradient"},
+                          {"colour_by", "radius"}, {"colour_range", "1,3"}, {"projection", "perspective"},
+                          {"scale_bar", "true"},   {"shadows", "false"},    {"field_of_view", "40"}};
+  std::string words;
+  for (const auto& [name, value] : given) words += " --" + name + ' ' + value;
+  std::ranges::replace(words, '_', '-');
+  const Outcome o = run("render FOLDER/few.csv -o FOLDER/few.png" + words);
+  ASSERT_EQ(o.status, 0) << o.out;
+  EXPECT_EQ(bytes("few.png"), encode_png(render(std::array{Subject{&model}}, parse_render_options(given)).front()));
+  const Outcome turning = run("render FOLDER/few.csv -o FOLDER/few.gif --size 32 --turntable 3");
+  ASSERT_EQ(turning.status, 0) << turning.out;
+  EXPECT_EQ(bytes("few.gif").substr(0, 6), "GIF89a");
+  const Outcome surface = run("render --threshold 100.5 --style surface --size 32 -o FOLDER/ball.png" + kBall);
+  ASSERT_EQ(surface.status, 0) << surface.out;
+  EXPECT_EQ(bytes("ball.png").substr(0, 4), "\x89PNG");
+}
+
 TEST_F(Command, RangesLabelsAndSides) {
   for (const char* rule : {"--range 50,100", "--labels 100,99,100", "--threshold 100 --below"}) {
     const Outcome o = run("points --plain " + std::string(rule) + kBall);
@@ -250,6 +276,14 @@ TEST_F(Command, OptionsAreCheckedBeforeTheWork) {
                             "model --threshold 1 --file detail=2 -o FOLDER/a.urdf FOLDER/letter.nii",
                             "render --threshold 1 --size 0 -o FOLDER/a.png FOLDER/letter.nii",
                             "render --threshold 1 --samples 99 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --style cubes -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --smoothness 2 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --view a --views a,l -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --turntable 8 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 -o FOLDER/a.gif FOLDER/letter.nii",
+                            "render --threshold 1 --size 9 --width 9 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --threshold 1 --position 1,2,3 --look-at 1,2,3 -o FOLDER/a.png FOLDER/letter.nii",
+                            "render --style surface -o FOLDER/a.png FOLDER/few.csv",
                             "register --threshold 1 FOLDER/letter.nii",
                             "register FOLDER/letter.nii --fixed FOLDER/few.csv",
                             "register FOLDER/few.csv --fixed FOLDER/few.csv --threshold 1"}) {
@@ -356,7 +390,14 @@ TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
                             "export --file density=1 -o FOLDER/a.csv FOLDER/a.npy",
                             "points --threshold 1 -o FOLDER/a.urdf FOLDER/ball.raw",
                             "render --view x -o FOLDER/a.png FOLDER/ball.raw",
-                            "info --border ajar FOLDER/ball.raw"}) {
+                            "info --border ajar FOLDER/ball.raw",
+                            "points --border ajar --threshold 1 FOLDER/ball.raw",
+                            "info --plain=maybe FOLDER/ball.raw",
+                            "info --frame 0x1 FOLDER/ball.raw",
+                            "info --frame 1 --frame 1 FOLDER/ball.raw",
+                            "info -x FOLDER/ball.raw",
+                            "--plain info FOLDER/ball.raw",
+                            "--threshold"}) {
     const Outcome o = run(words);
     EXPECT_EQ(o.status, 2) << words << '\n' << o.out;
     EXPECT_TRUE(o.out.starts_with("spherule: ")) << o.out;
@@ -364,11 +405,51 @@ TEST_F(Command, SenselessWordsAreOneSentenceAndTwo) {
   }
 }
 
+TEST_F(Command, SenselessWordsSayWhatIsWrong) {
+  EXPECT_EQ(run("info --colour red FOLDER/ball.raw").out,
+            "spherule: The command info has no option --colour; see spherule info --help.\n");
+  EXPECT_EQ(run("points FOLDER/ball.raw --threshold").out, "spherule: --threshold needs a value.\n");
+  EXPECT_EQ(run("info --frame 1 --frame 2 FOLDER/ball.raw").out, "spherule: Give --frame once.\n");
+  EXPECT_EQ(run("paint FOLDER/ball.raw").out, "spherule: There is no command \"paint\"; see spherule --help.\n");
+  EXPECT_EQ(run("info").out, "spherule: Name a file: spherule info FILE....\n");
+}
+
+// A value may begin with a dash; a file may be called as a command is.
+TEST_F(Command, ValuesAreTakenAsTheyAre) {
+  fs::copy_file(folder_ / "ball.raw", folder_ / "info");
+  const Outcome o = run("points --plain --range -5,100 --raw 26,26,26,uint8 FOLDER/info");
+  ASSERT_EQ(o.status, 0) << o.out;
+  const std::string in_folder = "cd " + folder_.string() + " && " SPHERULE_COMMAND " info info --raw=26,26,26,uint8";
+  EXPECT_EQ(std::system((in_folder + " > listing 2>&1").c_str()), 0) << bytes("listing");
+}
+
 TEST_F(Command, HelpNamesEveryCommand) {
   const Outcome o = run("--help");
   ASSERT_EQ(o.status, 0);
-  for (const char* word : {"info", "points", "model", "simplify", "register", "measures", "checks", "render", "export"})
+  for (const char* word :
+       {"info", "points", "model", "simplify", "register", "measures", "checks", "render", "export"}) {
     EXPECT_NE(o.out.find(std::string("\n  ") + word + ' '), std::string::npos) << word;
+    const Outcome own = run(std::string(word) + " --help");
+    EXPECT_EQ(own.status, 0);
+    EXPECT_NE(own.out.find(std::string("Usage: spherule ") + word + " FILE"), std::string::npos) << own.out;
+    EXPECT_NE(own.out.find("\n  --threads N "), std::string::npos) << own.out;
+  }
+}
+
+TEST_F(Command, HelpTellsEveryOptionOfAPicture) {
+  const Outcome o = run("render --help");
+  for (const std::string_view name : render_option_names()) {
+    if (name == "layout") continue;  // of two models
+    std::string option = "\n  --" + std::string(name) + ' ';
+    std::ranges::replace(option, '_', '-');
+    const std::size_t at = o.out.find(option);
+    ASSERT_NE(at, std::string::npos) << name;
+    std::istringstream rest(o.out.substr(at + option.size()));
+    std::string value, told;
+    rest >> value >> told;
+    EXPECT_NE(value, "VALUE") << name;
+    EXPECT_FALSE(told.starts_with("--")) << name;
+  }
 }
 
 }  // namespace

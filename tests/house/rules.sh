@@ -38,6 +38,7 @@ only_in ITK 'itk[A-Z]\w+\.h' '^core/read/\w+\.cpp$|^tests/core/register/itk_test
 only_in nifti 'nifti' '^core/(read|write)/\w+\.cpp$'
 only_in OpenVDB 'openvdb/' '^core/(read|write)/\w+\.cpp$|^tests/(read|write)/\w+\.cpp$'
 only_in SLEEF 'sleef\.h' '^core/base/elementary\.cpp$'
+only_in CLI11 'CLI/' '^clients/cli/options\.cpp$'
 only_in toml++ 'toml' '^server/config\.cpp$'
 forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
 

@@ -37,6 +37,7 @@ seed core/render/render.h '#include <OpenImageIO/imageio.h>' 'OpenImageIO belong
 seed core/volume.cpp '#include <itkImageFileReader.h>' 'ITK belongs elsewhere'
 seed core/volume.cpp '#include <nifti/nifti2_io.h>' 'nifti belongs elsewhere'
 seed core/read/read.h '#include <openvdb/openvdb.h>' 'OpenVDB belongs elsewhere'
+seed clients/cli/main.cpp '#include <CLI/CLI.hpp>' 'CLI11 belongs elsewhere'
 seed api/seeded.cpp '#include <sys/socket.h>' 'api opens no sockets'
 seed api/seeded.cpp '#include <httplib.h>' 'cpp-httplib belongs elsewhere'
 seed api/seeded.cpp '#include <sqlite3.h>' 'SQLite belongs elsewhere'
