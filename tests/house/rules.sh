@@ -39,6 +39,7 @@ only_in nifti 'nifti' '^core/(read|write)/\w+\.cpp$'
 only_in OpenVDB 'openvdb/' '^core/(read|write)/\w+\.cpp$|^tests/(read|write)/\w+\.cpp$'
 only_in SLEEF 'sleef\.h' '^core/base/elementary\.cpp$'
 only_in CLI11 'CLI/' '^clients/cli/options\.cpp$'
+only_in OpenSSL 'openssl/' '^server/(access|base|http)/\w+\.cpp$|^core/render/drawing\.cpp$|^tests/'
 only_in toml++ 'toml' '^server/config\.cpp$'
 forbid 'api opens no sockets' "^api/.*$cpp" '^\s*#\s*include\s*<(sys/socket|netinet/|arpa/|netdb|poll)'
 
