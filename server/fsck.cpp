@@ -38,13 +38,6 @@ constexpr const char* blobs_name = "blobs";
   throw Error(ErrorCode::no_space, "The folder cannot be written; check its disk's space and its permissions.");
 }
 
-void move(const fs::path& from, const fs::path& to) {
-  make_folder(to.parent_path());
-  std::error_code failed;
-  fs::rename(from, to, failed);
-  if (failed && failed != std::errc::no_such_file_or_directory) throw_unwritable();
-}
-
 // All that a catalogue has beside its file.
 constexpr std::array companions = {"-wal", "-shm", ".lock", ".room"};
 
@@ -65,10 +58,9 @@ void replace_catalog(const fs::path& data, std::vector<Finding>& findings) {
   const fs::path aside = set_aside(data, link, catalog_name);
   // A write-ahead log would be taken for the new catalogue's.
   for (const char* end : {"-wal", "-shm"})
-    if (fs::exists(file.native() + end)) move(file.native() + end, aside.native() + end);
-  move(fresh, file);
+    if (fs::exists(file.native() + end)) move_durably(file.native() + end, aside.native() + end);
+  move_durably(fresh, file);
   remove_catalog(fresh);
-  sync_to_disk(data);
 }
 
 /// Nothing when the file is damaged.
@@ -186,13 +178,13 @@ class Check {
       for (const std::string& key : resource.blobs) {
         const fs::path file = data_ / blobs_name / key, aside = place_aside(data_, key);
         if (fs::exists(file) || !fs::exists(aside)) continue;
-        move(aside, file);
+        move_durably(aside, file);
         try {
           blobs.open(key).verify();
           find(Kind::recovered_blob, resource.id);
         } catch (const Error& error) {
           if (error.code() != ErrorCode::corrupt) throw;
-          move(file, aside);
+          move_durably(file, aside);
         }
       }
     });
@@ -311,8 +303,7 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   make_folder(to / blobs_name);
   for (const fs::directory_entry& folder : fs::directory_iterator(to / blobs_name)) sync_to_disk(folder.path());
   sync_to_disk(to / blobs_name);
-  move(partial, file);
-  sync_to_disk(to);
+  move_durably(partial, file);
   return check_store(to, true);
 }
 

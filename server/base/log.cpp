@@ -109,7 +109,14 @@ std::string trace_of(const api::Request& request) {
 class AppendLog::File {
  public:
   explicit File(const std::filesystem::path& path)
-      : descriptor_(::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600)) {}
+      : descriptor_(::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600)) {
+    // Lines that are durable in a file that has no name are lost.
+    if (usable()) try {
+        sync_to_disk(std::filesystem::absolute(path).parent_path());
+      } catch (const Error&) {
+        // A folder that may be written but not read: its owner's choice.
+      }
+  }
   ~File() {
     if (descriptor_ >= 0) ::close(descriptor_);
   }

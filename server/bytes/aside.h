@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
-#include <optional>
 #include <string>
 #include <string_view>
 
@@ -18,18 +17,13 @@ namespace spherule::server {
 /// The path in damaged/ that something of this name would have, taken or not. Slashes become underscores.
 std::filesystem::path place_aside(const std::filesystem::path& data, std::string name);
 
-/// Moves a file there; a number follows its name where that is taken. Without effect when the file is not there.
-/// Returns its new path. Throws no_space when the folder cannot be written. Not for two threads with one name.
+/// Moves a file there (move_durably); a number follows its name where that is taken. Without effect when the file is
+/// not there. Returns its new path. Not for two threads with one name.
 std::filesystem::path set_aside(const std::filesystem::path& data, const std::filesystem::path& file,
                                 const std::string& name);
 
-/// Writes a text there, likewise; durable when it returns.
+/// Writes a text there, likewise (write_durably).
 void set_text_aside(const std::filesystem::path& data, std::string_view text, const std::string& name);
-
-/// The time that a file bears, which these stores set to the time of service; nothing when the file is not there.
-std::optional<Time> file_time(const std::filesystem::path& file);
-/// Of an open file; false when the file system refuses.
-bool set_file_time(int descriptor, Time time);
 
 /// What small stores of files know of the data folder that they are in.
 struct Surroundings {

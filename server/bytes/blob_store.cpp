@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <limits>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -54,39 +55,48 @@ std::string digest_of(std::string_view key) {
   return std::string(rest.substr(0, digest_digits));
 }
 
-/// The file that says of a blob that it is on its way, among the temporary ones. Keys hold no plus.
-fs::path note_of(const fs::path& root, std::string key) {
-  std::ranges::replace(key, '/', '+');
-  return root / ".tmp" / key;
+/// The file that says of a blob that it is on its way. Beside the blob, so that a power cut leaves both or neither: one
+/// folder is one for the disk. Keys hold no plus.
+fs::path note_of(const fs::path& root, const std::string& key) { return root / (key + "+"); }
+
+/// Empty when that is no note.
+std::string key_of_note(std::string name) {
+  if (name.empty() || name.back() != '+') return {};
+  name.pop_back();
+  return digest_of(name).empty() ? std::string() : name;
 }
 
-std::string key_of_note(std::string name) {
+void write_note(const fs::path& root, const std::string& key) {
+  const File note(note_of(root, key), O_WRONLY | O_CREAT);
+}
+
+/// The key of which a note of earlier versions tells, whose notes were among the drafts.
+std::string key_of_former_note(std::string name) {
   std::ranges::replace(name, '+', '/');
   return digest_of(name).empty() ? std::string() : name;
 }
 
-bool write_note(const fs::path& root, const std::string& key) {
-  const int note = ::open(note_of(root, key).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-  if (note >= 0) ::close(note);
-  return note >= 0;
+/// Relative paths of all that is under `root`.
+std::vector<std::string> names_in(const fs::path& root) {
+  std::vector<std::string> names;
+  std::error_code missing;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root, missing))
+    names.push_back(entry.path().lexically_relative(root).generic_string());
+  return names;
 }
 
 class FileStaging final : public Staging {
  public:
   FileStaging(std::uint64_t limit, fs::path root, const fs::path& temporary)
       : Staging(limit), root_(std::move(root)), path_(temporary / random_id("staging")) {
-    descriptor_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-    if (descriptor_ < 0) throw_storage(errno);
+    file_.emplace(path_, O_WRONLY | O_APPEND | O_CREAT | O_EXCL);
   }
 
   ~FileStaging() override {
-    FileStaging::rest();
     if (!path_.empty()) ::unlink(path_.c_str());
   }
 
-  void rest() override {
-    if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
-  }
+  void rest() override { file_.reset(); }
 
   Blob open() const override {
     SPHERULE_CHECK(!path_.empty());
@@ -98,13 +108,12 @@ class FileStaging final : public Staging {
   std::string commit(std::string_view name) override {
     SPHERULE_CHECK(!path_.empty() && is_name(name));
     // Only once the content is on the disk may the name be: a power cut in between must not leave an empty blob.
-    if (::fsync(writable()) != 0) throw_storage(errno);
+    writable().sync();
     rest();
     std::string key = make_key(name, sha256());
     const fs::path target = root_ / key;
     make_folder(target.parent_path());
-    // Before the blob, and not synchronised: file systems that keep their order over a power cut keep this one, too.
-    if (!write_note(root_, key)) throw_storage(errno);
+    write_note(root_, key);
     if (::rename(path_.c_str(), target.c_str()) != 0) throw_storage(errno);
     path_ = target;  // until the folder is durable too, the destructor takes the blob back
     sync_to_disk(target.parent_path());
@@ -119,24 +128,18 @@ class FileStaging final : public Staging {
       if (free_bytes_at(root_) < bytes.size()) throw_no_space();
       since_look_ = 0;
     }
-    while (!bytes.empty()) {
-      const ssize_t put = ::write(writable(), bytes.data(), bytes.size());
-      if (put < 0 && errno == EINTR) continue;
-      if (put < 0) throw_storage(errno);
-      bytes.remove_prefix(static_cast<std::size_t>(put));
-    }
+    writable().write(bytes);
   }
 
  private:
-  int writable() {
-    if (descriptor_ < 0) descriptor_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
-    if (descriptor_ < 0) throw_storage(errno);
-    return descriptor_;
+  const File& writable() {
+    if (!file_) file_.emplace(path_, O_WRONLY | O_APPEND);
+    return *file_;
   }
 
   fs::path root_;
   fs::path path_;  // empty once committed
-  int descriptor_ = -1;
+  std::optional<File> file_;
   std::uint64_t since_look_ = look_every_bytes;  // bytes; the first write looks
 };
 
@@ -152,8 +155,12 @@ FileBlobStore::FileBlobStore(fs::path root) : root_(std::move(root)) {
   make_folder(root_);
   make_folder(scratch_root());
   std::error_code ignored;  // the next start tries again
-  for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root(), ignored))
-    if (key_of_note(entry.path().filename()).empty()) fs::remove_all(entry.path(), ignored);
+  for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root(), ignored)) {
+    if (const std::string key = key_of_former_note(entry.path().filename());
+        !key.empty() && fs::exists(root_ / key, ignored))
+      write_note(root_, key);
+    fs::remove_all(entry.path(), ignored);
+  }
 }
 
 std::unique_ptr<Staging> FileBlobStore::stage(std::uint64_t limit, std::optional<std::uint64_t> declared) {
@@ -177,32 +184,42 @@ Blob FileBlobStore::open(const std::string& key) const {
 
 void FileBlobStore::remove(const std::string& key) {
   if (digest_of(key).empty()) return;
-  // Not made durable: a blob that a power cut brings back belongs to nobody, and the next start takes it out of the
-  // way.
+  // Not made durable: with a blob that a power cut brings back comes its note, and the next start removes both.
   if (::unlink((root_ / key).c_str()) != 0 && errno != ENOENT) throw_storage(errno);
   settle(key);
 }
 
 std::vector<std::string> FileBlobStore::keys_in(const fs::path& root) {
-  std::vector<std::string> keys;
-  std::error_code missing;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root, missing)) {
-    std::string key = entry.path().lexically_relative(root).generic_string();
-    if (!digest_of(key).empty()) keys.push_back(std::move(key));
-  }
+  std::vector<std::string> keys = names_in(root);
+  std::erase_if(keys, [](const std::string& name) { return digest_of(name).empty(); });
   return keys;
 }
 
 std::vector<std::string> FileBlobStore::unsettled() const {
   std::vector<std::string> keys;
-  for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root()))
-    if (std::string key = key_of_note(entry.path().filename()); !key.empty()) keys.push_back(std::move(key));
+  for (std::string& name : names_in(root_))
+    if (std::string key = key_of_note(std::move(name)); !key.empty()) keys.push_back(std::move(key));
   return keys;
 }
 
-void FileBlobStore::settle(const std::string& key) { ::unlink(note_of(root_, key).c_str()); }
+void FileBlobStore::settle(const std::string& key) {
+  if (!digest_of(key).empty()) ::unlink(note_of(root_, key).c_str());
+}
 
-void FileBlobStore::unsettle(const std::string& key) { write_note(root_, key); }
+void FileBlobStore::unsettle(const std::vector<std::string>& keys) {
+  std::set<fs::path> folders;
+  for (const std::string& key : keys) try {
+      if (digest_of(key).empty()) continue;
+      write_note(root_, key);
+      folders.insert(note_of(root_, key).parent_path());
+    } catch (const Error&) {
+      // Without it, the next start may set the blob aside.
+    }
+  for (const fs::path& folder : folders) try {
+      sync_to_disk(folder);
+    } catch (const Error&) {
+    }
+}
 
 std::uint64_t FileBlobStore::free_bytes() const { return free_bytes_at(root_); }
 

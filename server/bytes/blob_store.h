@@ -40,8 +40,9 @@ class BlobStore {
   [[nodiscard]] virtual std::vector<std::string> unsettled() const = 0;
   /// The blob has an owner now, which is on the disk.
   virtual void settle(const std::string& key) = 0;
-  /// The blob is about to lose its owner, and to be removed. Best effort, so that a full disk stops no deletion.
-  virtual void unsettle(const std::string& key) = 0;
+  /// The blobs are about to lose their owners, and to be removed; survives a power cut. Best effort, so that a full
+  /// disk stops no deletion.
+  virtual void unsettle(const std::vector<std::string>& keys) = 0;
 
   /// Every committed key, in no particular order.
   [[nodiscard]] virtual std::vector<std::string> keys() const = 0;
@@ -77,7 +78,7 @@ class FileBlobStore final : public BlobStore {
   std::vector<std::string> keys() const override { return keys_in(root_); }
   std::vector<std::string> unsettled() const override;
   void settle(const std::string& key) override;
-  void unsettle(const std::string& key) override;
+  void unsettle(const std::vector<std::string>& keys) override;
   std::uint64_t free_bytes() const override;
   std::filesystem::path scratch_root() const override;
 

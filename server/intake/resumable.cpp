@@ -28,41 +28,10 @@ using std::chrono::system_clock;
 [[noreturn]] void throw_missing() {
   throw Error(ErrorCode::not_found, "There is no such upload; it was finished, deleted, expired or never begun.");
 }
-[[noreturn]] void throw_unwritable() {
-  throw Error(ErrorCode::no_space, "The server cannot write to its storage; try again later.");
-}
-
 [[noreturn]] void throw_full() {
   throw Error(ErrorCode::no_space,
               "The server's storage is full; what has come of this upload is kept for now, so go on later.");
 }
-
-class File {
- public:
-  File(const fs::path& path, int flags) : descriptor_(::open(path.c_str(), flags | O_CLOEXEC, 0600)) {}
-  ~File() {
-    if (descriptor_ >= 0) ::close(descriptor_);
-  }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-  bool open() const { return descriptor_ >= 0; }
-  int descriptor() const { return descriptor_; }
-
-  void write(std::string_view bytes) const {
-    while (!bytes.empty()) {
-      const ssize_t n = ::write(descriptor_, bytes.data(), bytes.size());
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) throw_unwritable();
-      bytes.remove_prefix(static_cast<std::size_t>(n));
-    }
-  }
-  void sync() const {
-    if (::fdatasync(descriptor_) != 0) throw_unwritable();
-  }
-
- private:
-  int descriptor_;
-};
 
 // Ids come from clients: only what we make ourselves names a file.
 bool is_id(const std::string& id) {
@@ -178,16 +147,13 @@ api::UploadInfo ResumableUploads::create(std::uint64_t length, std::string_view 
   const std::string id = random_id("upl");
   const Busy busy(*this, id);
   const auto begun = std::chrono::duration_cast<std::chrono::milliseconds>(system_clock::now().time_since_epoch());
-  const fs::path draft = folder_ / (id + ".new");
   {
     const File data(part(id), O_WRONLY | O_CREAT | O_EXCL);
-    const File about(draft, O_WRONLY | O_CREAT | O_EXCL);
-    if (!data.open() || !about.open() || !set_file_time(data.descriptor(), around_.served())) throw_unwritable();
-    about.write(std::to_string(length) + "\n" + plain(filename) + "\n" + std::to_string(begun.count()) + "\n");
-    about.sync();
+    data.set_time(around_.served());
+    data.sync();
   }
-  const File folder(folder_, O_RDONLY | O_DIRECTORY);
-  if (::rename(draft.c_str(), info(id).c_str()) != 0 || ::fsync(folder.descriptor()) != 0) throw_unwritable();
+  write_durably(info(id), std::to_string(length) + "\n" + plain(filename) + "\n" + std::to_string(begun.count()) + "\n",
+                around_.served());
   return find(id);
 }
 
@@ -220,19 +186,12 @@ api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t of
                                          " bytes; go on from there (HEAD tells the offset).");
   }
   const File data(part(id), O_WRONLY | O_APPEND);
-  if (!data.open()) throw_missing();
-  // Whatever happens, what has arrived stays, and the offset that is told next is durable.
-  struct Sync {
-    const File& file;
-    const Surroundings& around;
-    ~Sync() {
-      set_file_time(file.descriptor(), around.served());
-      ::fdatasync(file.descriptor());
-    }
+  const auto keep = [&] {
+    data.set_time(around_.served());
+    data.sync();
   };
-  {
-    const Sync sync{data, around_};
-    std::uint64_t left = upload.length - offset;
+  std::uint64_t left = upload.length - offset;
+  try {
     feed([&](std::string_view piece) {
       if (piece.size() > left) {
         throw Error(ErrorCode::too_large, "These are more bytes than the upload was announced to have.");
@@ -242,8 +201,15 @@ api::UploadInfo ResumableUploads::append(const std::string& id, std::uint64_t of
       data.write(piece);
       left -= piece.size();
     });
+  } catch (...) {
+    // What has arrived stays, and the offset that is told next is durable; the sender is told what broke.
+    try {
+      keep();
+    } catch (const Error&) {
+    }
+    throw;
   }
-  data.sync();
+  keep();
   return find(id);
 }
 

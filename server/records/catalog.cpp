@@ -781,7 +781,7 @@ std::vector<std::string> withdraw(Catalog& catalog, BlobStore& blobs, const std:
   try {
     keys = catalog.erase(id, [&](const std::vector<std::string>& doomed) {
       keys = doomed;
-      for (const std::string& key : doomed) blobs.unsettle(key);
+      blobs.unsettle(doomed);
     });
   } catch (const Error& error) {
     // After an I/O error it may be gone all the same.

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/records/replies.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <fstream>
 #include <iterator>
 
@@ -13,29 +10,7 @@
 
 namespace spherule::server {
 
-namespace {
-
 namespace fs = std::filesystem;
-
-// Whole or not at all, and durable.
-void store(const fs::path& path, const std::string& text, Time time) {
-  const fs::path draft = path.string() + ".new";
-  const auto fail = [] {
-    throw Error(ErrorCode::no_space, "The server cannot write to its storage; try again later.");
-  };
-  const int file = ::open(draft.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-  if (file < 0) fail();
-  const bool written = ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size());
-  const bool durable = set_file_time(file, time) && ::fsync(file) == 0;
-  ::close(file);
-  if (!written || !durable || ::rename(draft.c_str(), path.c_str()) != 0) fail();
-  const int folder = ::open(path.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool named = folder >= 0 && ::fsync(folder) == 0;
-  if (folder >= 0) ::close(folder);
-  if (!named) fail();
-}
-
-}  // namespace
 
 std::optional<std::string> reply_in(std::string_view file) {
   const std::size_t line = file.find('\n');
@@ -65,7 +40,7 @@ std::optional<std::string> ReplyBook::recall(const std::string& key) {
 }
 
 void ReplyBook::keep(const std::string& key, const std::string& reply) {
-  store(file(key), sha256_hex(reply) + "\n" + reply, around_.served());
+  write_durably(file(key), sha256_hex(reply) + "\n" + reply, around_.served());
   release(key);
 }
 

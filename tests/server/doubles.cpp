@@ -112,9 +112,9 @@ void MemoryBlobStore::settle(const std::string& key) {
   blobs_->unsettled.erase(key);
 }
 
-void MemoryBlobStore::unsettle(const std::string& key) {
+void MemoryBlobStore::unsettle(const std::vector<std::string>& keys) {
   const std::lock_guard lock(blobs_->mutex);
-  blobs_->unsettled.insert(key);
+  blobs_->unsettled.insert(keys.begin(), keys.end());
 }
 
 std::vector<std::string> MemoryBlobStore::keys() const {

@@ -50,7 +50,7 @@ class MemoryBlobStore final : public BlobStore {
   std::vector<std::string> keys() const override;
   std::vector<std::string> unsettled() const override;
   void settle(const std::string& key) override;
-  void unsettle(const std::string& key) override;
+  void unsettle(const std::vector<std::string>& keys) override;
   std::uint64_t free_bytes() const override;
   std::filesystem::path scratch_root() const override { return scratch_.path(); }
 
@@ -78,7 +78,7 @@ class FaultyBlobStore final : public BlobStore {
   std::vector<std::string> keys() const override { return inner_.keys(); }
   std::vector<std::string> unsettled() const override { return inner_.unsettled(); }
   void settle(const std::string& key) override { inner_.settle(key); }
-  void unsettle(const std::string& key) override { inner_.unsettle(key); }
+  void unsettle(const std::vector<std::string>& keys) override { inner_.unsettle(keys); }
   std::uint64_t free_bytes() const override { return inner_.free_bytes(); }
   std::filesystem::path scratch_root() const override { return inner_.scratch_root(); }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <csignal>
 #include <fstream>
 #include <limits>
@@ -136,7 +137,7 @@ TYPED_TEST(BlobStoreContract, TellsWhatIsOnItsWay) {
   this->store.settle(out);
   EXPECT_EQ(this->store.unsettled(), std::vector{in});
   this->store.settle(in);
-  this->store.unsettle(out);
+  this->store.unsettle({out});
   EXPECT_EQ(this->store.unsettled(), std::vector{out});
   EXPECT_EQ(this->store.keys().size(), 2U) << "still there";
   this->store.remove(out);
@@ -195,6 +196,19 @@ TEST_F(FileBlobs, OpeningRemovesWhatAKilledProcessLeft) {
   EXPECT_TRUE(fs::is_empty(reopened.scratch_root()));
   EXPECT_EQ(reopened.read(key), "kept");
   EXPECT_EQ(reopened.keys(), std::vector{key});
+}
+
+TEST_F(FileBlobs, NotesOfEarlierVersionsAreUnderstood) {
+  const std::string key = store.put("volumes/travelling", "x"), gone = store.put("volumes/gone", "y");
+  for (const std::string& each : {key, gone}) {
+    store.settle(each);
+    std::string name = each;
+    std::ranges::replace(name, '/', '+');
+    std::ofstream(store.scratch_root() / name).flush();
+  }
+  store.remove(gone);
+  EXPECT_EQ(FileBlobStore(folder.path() / "blobs").unsettled(), std::vector{key});
+  EXPECT_TRUE(fs::is_empty(store.scratch_root()));
 }
 
 TEST_F(FileBlobs, ScansAreForTheServersEyesOnly) {
