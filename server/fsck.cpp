@@ -302,7 +302,6 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   fs::remove(partial.native() + ".lock");
   make_folder(to / blobs_name);
   for (const fs::directory_entry& folder : fs::directory_iterator(to / blobs_name)) sync_to_disk(folder.path());
-  sync_to_disk(to / blobs_name);
   move_durably(partial, file);
   return check_store(to, true);
 }
