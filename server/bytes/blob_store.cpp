@@ -156,10 +156,11 @@ FileBlobStore::FileBlobStore(fs::path root) : root_(std::move(root)) {
   make_folder(scratch_root());
   std::error_code ignored;  // the next start tries again
   for (const fs::directory_entry& entry : fs::directory_iterator(scratch_root(), ignored)) {
-    if (const std::string key = key_of_former_note(entry.path().filename());
-        !key.empty() && fs::exists(root_ / key, ignored))
-      write_note(root_, key);
-    fs::remove_all(entry.path(), ignored);
+    const std::string key = key_of_former_note(entry.path().filename());
+    if (!key.empty() && fs::exists(root_ / key, ignored))
+      fs::rename(entry.path(), note_of(root_, key), ignored);
+    else
+      fs::remove_all(entry.path(), ignored);
   }
 }
 

@@ -12,10 +12,10 @@
 #include <atomic>
 #include <cstdarg>
 #include <fstream>
-#include <iterator>
-#include <optional>
 #include <regex>
+#include <span>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 namespace spherule::server::test {
@@ -29,12 +29,12 @@ using Bytes = std::shared_ptr<const std::string>;
 using Names = LossyDisk::Names;
 using Contents = LossyDisk::Contents;
 
-/// A file or folder, whatever its names.
+/// A file or folder, whatever its names: as it is, and as it was when it was last synchronised.
 struct Inode {
   int held = -1;  // a descriptor, lest its number be given to another
   bool is_folder = false;
   Bytes there, synced;
-  std::int64_t time = 0, synced_time = 0;
+  std::int64_t time = 0, synced_time = 0;  // ns
   std::map<std::string, ino_t> lists, synced_lists;
 };
 
@@ -43,6 +43,10 @@ std::int64_t time_of(const struct stat& status) {
 }
 
 std::string masked(const std::string& path) { return std::regex_replace(path, std::regex("[0-9a-f]{8,}"), "#"); }
+
+constexpr std::array kinds_of_contents = {Contents::synced, Contents::all, Contents::torn};
+constexpr std::span<const Contents> whole_files(kinds_of_contents.begin(), 2);
+constexpr std::span<const Contents> torn_ones_too(kinds_of_contents);
 
 bool is_left_out(const std::string& name) { return name.ends_with("-shm"); }
 
@@ -69,7 +73,8 @@ struct LossyDisk::State {
     if (!is_within(path)) return;
     const bool writes = std::string_view(call).find("write") != std::string_view::npos;
     scan(writes && fs::exists(path) ? fs::path(path) : root, path);
-    record(std::string(call) + " " + relative(path), !writes);
+    // Torn contents of what goes on being written are those of a moment before.
+    record(std::string(call) + " " + relative(path), writes ? whole_files : torn_ones_too);
   }
 
   void synced(const char* call, const std::string& path) {
@@ -78,21 +83,19 @@ struct LossyDisk::State {
     const std::string label = step + ": " + call + " " + masked(relative(path));
     labels.insert(label);
     struct stat status {};
-    record("what was before " + label, true);
+    record("what was before " + label, torn_ones_too);
     if (ignored.contains(label) || ::stat(path.c_str(), &status) != 0) return;
     Inode& inode = inodes.at(status.st_ino);
     inode.synced = inode.there;
     // fdatasync leaves out what reading the bytes does not need.
     if (std::string_view(call) == "fsync") inode.synced_time = inode.time;
     inode.synced_lists = inode.lists;
-    record(std::string(call) + " " + relative(path), true);
+    record(std::string(call) + " " + relative(path), torn_ones_too);
   }
 
-  /// Torn contents of what goes on being written are those of a moment before.
-  void record(const std::string& after, bool with_torn) {
-    for (const Contents contents : {Contents::synced, Contents::torn, Contents::all})
+  void record(const std::string& after, std::span<const Contents> kinds) {
+    for (const Contents contents : kinds)
       for (const Names names : {Names::synced, Names::all}) {
-        if (contents == Contents::torn && !with_torn) continue;
         Cut cut{contents, names, ended, !step.empty(), after, image(names, contents)};
         if (met.emplace(cut.steps, cut.during_next, cut.left).second) cuts.push_back(std::move(cut));
       }
@@ -165,7 +168,6 @@ struct LossyDisk::State {
         add_to(image, name.empty() ? child : name + "/" + child, of_child, names, contents);
       return;
     }
-    static const Bytes nothing = std::make_shared<const std::string>();
     const Bytes synced = inode.synced ? inode.synced : kept({});
     Image::Entry& entry = image.entries[name];
     entry.bytes = contents == Contents::synced ? synced

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <compare>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -48,8 +49,8 @@ class LossyDisk {
   /// One call, whose end acknowledges what it did.
   void step(const std::string& name, const std::function<void()>& act);
 
-  enum class Names { synced, all };
-  enum class Contents { synced, torn, all };
+  enum class Names { synced, all };           ///< of a folder's names
+  enum class Contents { synced, torn, all };  ///< of a file's bytes
   struct Cut {
     Contents contents{};
     Names names{};

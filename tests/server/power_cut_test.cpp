@@ -55,13 +55,15 @@ fs::path memory() {
   return ::access(folder.c_str(), W_OK) == 0 ? folder : fs::temp_directory_path();
 }
 
+constexpr const char* unusable = "cannot be used: ";
+
 std::string seen_in(const Drill& drill, const test::Image& image) {
   const test::TemporaryFolder folder(memory());
   image.write_to(folder.path());
   try {
     return drill.see(folder.path());
   } catch (const std::exception& error) {
-    return error.what();
+    return std::string(unusable) + error.what();
   }
 }
 
@@ -82,9 +84,10 @@ std::string text_of(const LossyDisk::Cut& cut) {
 /// Runs the drill on a disk that ignores some synchronisations; `most` harms are enough.
 Outcome run(const Drill& drill, const std::set<std::string>& ignored = {}, std::size_t most = 3) {
   const test::TemporaryFolder folder(memory());
-  drill.prepare(folder.path());
-  LossyDisk disk(folder.path(), ignored);
-  for (const Drill::Step& step : drill.steps(folder.path())) disk.step(step.name, step.act);
+  const fs::path place = fs::canonical(folder.path());
+  drill.prepare(place);
+  LossyDisk disk(place, ignored);
+  for (const Drill::Step& step : drill.steps(place)) disk.step(step.name, step.act);
   std::map<test::Image, std::string> known;
   const auto seen_of = [&](const test::Image& image) {
     const auto [seen, is_new] = known.try_emplace(image);
@@ -96,8 +99,9 @@ Outcome run(const Drill& drill, const std::set<std::string>& ignored = {}, std::
   for (const LossyDisk::Cut& cut : disk.cuts()) {
     ++outcome.cuts;
     const std::string seen = seen_of(cut.left), before = seen_of(disk.wholes().at(cut.steps));
-    if (seen == before) continue;
-    if (cut.during_next) {
+    const bool usable = !seen.starts_with(unusable);
+    if (usable && seen == before) continue;
+    if (usable && cut.during_next) {
       const std::string after = seen_of(disk.wholes().at(cut.steps + 1));
       if (seen == after || drill.between(before, after, seen)) continue;
     }
