@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cstdarg>
 #include <fstream>
 #include <regex>
@@ -184,16 +183,15 @@ struct LossyDisk::State {
 
 namespace {
 
-std::atomic<LossyDisk::State*> watching{nullptr};
+thread_local LossyDisk::State* watching = nullptr;
 thread_local bool looking = false;  // what the disk itself does is not watched
 
 template <typename F>
 void tell(const F& f) {
-  LossyDisk::State* const disk = watching;
-  if (disk == nullptr || looking) return;
+  if (watching == nullptr || looking) return;
   const int error = errno;
   looking = true;
-  f(*disk);
+  f(*watching);
   looking = false;
   errno = error;
 }
@@ -219,7 +217,7 @@ Function* real(const char* name) {
 
 }  // namespace
 
-LossyDisk::LossyDisk(fs::path root, std::set<std::string> ignored)
+LossyDisk::LossyDisk(const fs::path& root, std::set<std::string> ignored)
     : state_(std::make_unique<State>(fs::canonical(root), std::move(ignored))) {
   watching = state_.get();
 }

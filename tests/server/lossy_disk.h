@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// A disk that loses what was not synchronised. It watches the calls by which this process changes a folder (its own,
+// A disk that loses what was not synchronised. It watches the calls by which a thread changes a folder (the program's,
 // and those of the libraries that it is linked to dynamically: the test program stands before the C library), and keeps
 // what each file held and each folder listed when it was last synchronised. From these come the folders that a power
 // cut may leave after any of the calls. The idea is that of LevelDB's FaultInjectionTestEnv.
@@ -33,7 +33,7 @@ struct Image {
   void write_to(const std::filesystem::path& folder) const;
 };
 
-/// One at a time in a process, used by one thread.
+/// One at a time in a thread, whose calls it watches.
 ///
 /// Of names (what folders list) and contents, a cut leaves either what was synchronised or what was there; of contents
 /// also all up to the middle of what was not. A file never has bytes that nobody wrote: as with ext4, XFS and Btrfs, it
@@ -41,7 +41,7 @@ struct Image {
 class LossyDisk {
  public:
   /// What is in `root` counts as synchronised. `ignored` are labels of calls of fsync and fdatasync that do nothing.
-  explicit LossyDisk(std::filesystem::path root, std::set<std::string> ignored = {});
+  explicit LossyDisk(const std::filesystem::path& root, std::set<std::string> ignored = {});
   ~LossyDisk();
   LossyDisk(const LossyDisk&) = delete;
   LossyDisk& operator=(const LossyDisk&) = delete;

@@ -302,7 +302,7 @@ Drill uploads() {
     const auto uploads = std::make_shared<std::optional<ResumableUploads>>();
     const auto id = std::make_shared<std::string>();
     const auto append = [=](std::uint64_t offset, std::vector<std::string> pieces) {
-      (*uploads)->append(*id, offset, [&](const ResumableUploads::Take& take) {
+      (*uploads)->append(*id, offset, [&](const auto& take) {
         for (const std::string& piece : pieces) take(piece);
       });
     };
@@ -315,7 +315,7 @@ Drill uploads() {
             {"break",
              [=] {
                EXPECT_THROW((*uploads)->append(*id, 6,
-                                               [&](const ResumableUploads::Take& take) {
+                                               [&](const auto& take) {
                                                  take("67");
                                                  throw Error(ErrorCode::malformed, "The connection broke.");
                                                }),
