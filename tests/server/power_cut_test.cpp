@@ -151,7 +151,7 @@ JobRecord job(const std::string& id, const std::string& result, JobState state =
   made.id = id;
   made.kind = "model";
   made.result_id = result;
-  made.request = "request of " + id;
+  made.request = test::asks("request of " + id);
   made.state = state;
   made.created = Time(1s);
   made.requesters = {"somebody"};
@@ -168,7 +168,7 @@ void tell(std::ostream& out, const Catalog& catalog) {
     out << '\n';
   }
   for (const JobRecord& each : catalog.list_jobs("", 1000).items) {
-    out << each.id << ' ' << each.request << ' ' << to_string(each.state) << ' ' << each.requesters.size() << '\n';
+    out << each.id << ' ' << test::asked(each) << ' ' << name(each.state) << ' ' << each.requesters.size() << '\n';
   }
 }
 
