@@ -147,11 +147,7 @@ api::UploadInfo ResumableUploads::create(std::uint64_t length, std::string_view 
   const std::string id = random_id("upl");
   const Busy busy(*this, id);
   const auto begun = std::chrono::duration_cast<std::chrono::milliseconds>(system_clock::now().time_since_epoch());
-  {
-    const File data(part(id), O_WRONLY | O_CREAT | O_EXCL);
-    data.set_time(around_.served());
-    data.sync();
-  }
+  File(part(id), O_WRONLY | O_CREAT | O_EXCL).set_time(around_.served());  // its name goes with that of the other
   write_durably(info(id), std::to_string(length) + "\n" + plain(filename) + "\n" + std::to_string(begun.count()) + "\n",
                 around_.served());
   return find(id);
@@ -166,7 +162,9 @@ api::UploadInfo ResumableUploads::find(const std::string& id) const {
     throw Error(ErrorCode::corrupt,
                 "The server's record of this upload is damaged; delete the upload and begin it anew.");
   }
-  const auto left = file_time(part(id)).value_or(Time()) + keep_ - around_.served();
+  // A power cut may leave an empty part with any time.
+  const Time grew = std::max(file_time(part(id)).value_or(Time()), file_time(info(id)).value_or(Time()));
+  const auto left = grew + keep_ - around_.served();
   if (left < left.zero()) throw_missing();
   return {.id = id,
           .filename = about->filename,
