@@ -4,8 +4,8 @@
 //
 // Each is two files in one folder: `<id>.part`, whose size is the offset to go on from and whose time is the time of
 // service at which it last grew, and `<id>.info`, three lines: the announced length, the file's name, and when it was
-// begun, whose time is the time of service of that. The latter comes last and, when an upload is removed, goes last: one
-// without the other is a leftover. A power cut may bring back an upload that was just removed.
+// begun, whose time is the time of service of that. The latter comes last and, when an upload is removed, goes last:
+// one without the other is a leftover. A power cut may bring back an upload that was just removed.
 #pragma once
 
 #include <chrono>
