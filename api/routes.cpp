@@ -9,8 +9,8 @@
 
 #include "api/handlers/handlers.h"
 #include "api/http/idempotency.h"
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 

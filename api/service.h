@@ -63,10 +63,11 @@ struct SpherePage {
 
 // ----------------------------------------------------------------------------------------------------- what comes back
 
+/// A thing as it is stored now.
 template <typename T>
 struct Stored {
   T thing;
-  bool already_stored = false;
+  bool already_stored = false;  ///< before the request that gives it
 };
 
 /// What a request made: what WorkRequest's kind makes; the bytes of what is derived.

@@ -65,4 +65,35 @@ std::vector<std::string> inputs_of(const WorkRequest& request) {
   return std::visit(Visitor{}, request);
 }
 
+std::string_view name(SphereFormat format) {
+  constexpr std::array<std::string_view, 4> names = {"csv", "npy", "ply", "vtp"};
+  return names[static_cast<std::size_t>(format)];
+}
+
+std::string_view name(SphereFigure figure) {
+  constexpr std::array<std::string_view, sphere_figures.size()> names = {
+      "index", "volume_mm3", "area_mm2",   "share",    "rank",    "cumulative_share",
+      "node",  "parent",     "level_from", "level_to", "members", "cluster"};
+  return names[static_cast<std::size_t>(figure)];
+}
+
+std::string_view name(SphereRows rows) {
+  constexpr std::array<std::string_view, 3> names = {"spheres", "nodes", "members"};
+  return names[static_cast<std::size_t>(rows)];
+}
+
+std::string_view name(SphereOrder order) { return order == SphereOrder::index ? "index" : "contribution"; }
+
+std::string_view name(Applied what) { return what == Applied::volume ? "volume" : "model"; }
+
+std::string_view name(FigureFormat format) {
+  constexpr std::array<std::string_view, 3> names = {"json", "png", "svg"};
+  return names[static_cast<std::size_t>(format)];
+}
+
+std::string_view media_type(FigureFormat format) {
+  constexpr std::array<std::string_view, 3> types = {"application/json", "image/png", "image/svg+xml"};
+  return types[static_cast<std::size_t>(format)];
+}
+
 }  // namespace spherule::api

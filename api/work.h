@@ -95,18 +95,22 @@ struct SphereListing {
 
 /// As what figures are asked for: their numbers, pixels, or shapes.
 enum class FigureFormat : std::uint8_t { json, png, svg };
+inline constexpr std::array figure_formats{FigureFormat::json, FigureFormat::png, FigureFormat::svg};
 
 // What is made from a finished model, volume or registration and kept as the answer's bytes: a JSON document
 // (json/documents.h), a picture, a file for other programs.
 
 // From a model.
 
+/// Measures and checks: JSON documents.
 struct MeasuresRequest {};
 struct ChecksRequest {};
+/// A picture, or several.
 struct RenderRequest {
   RenderOptions options{};
   std::string with{};  ///< a second model in the picture; empty: none
 };
+/// A table of spheres.
 struct ExportRequest {
   SphereFormat format = SphereFormat::csv;
   SphereListing listing{};
@@ -115,6 +119,7 @@ struct ExportRequest {
 struct TreeRequest {
   std::vector<std::uint32_t> levels;  ///< ascending
 };
+/// A file for one other program.
 struct FileRequest {
   FileFormat format = FileFormat::urdf;
   FileOptions options{};
@@ -124,6 +129,7 @@ struct ContributionsRequest {};
 
 // From a volume.
 
+/// A slice, as numbers or as a picture.
 struct SliceRequest {
   int axis = 2;            ///< of the grid: 0, 1, 2 for i, j, k
   std::int32_t index = 0;  ///< of the slice along it
@@ -138,6 +144,7 @@ struct ValuesRequest {
 
 // From a registration.
 
+/// A picture of both models, before and after.
 struct BeforeAfterRequest {
   RenderOptions options{};
   bool few = false;  ///< of the k spheres instead of the models
@@ -148,6 +155,7 @@ struct AppliedRequest {
   Applied what = Applied::volume;
 };
 
+/// What is derived.
 struct DerivedRequest {
   std::string source;  ///< id of the model, volume or registration
   std::variant<MeasuresRequest, ChecksRequest, RenderRequest, ExportRequest, ContributionsRequest, TreeRequest,
@@ -166,6 +174,20 @@ struct Kind {
   int edition = 0;          ///< raised when its results change, so that none of old is served; 0: none was needed yet
 };
 const Kind& kind_of(const WorkRequest& request);
+
+/// "csv", "npy", "ply", "vtp".
+std::string_view name(SphereFormat format);
+/// "index", "volume_mm3", …
+std::string_view name(SphereFigure figure);
+/// "spheres", "nodes", "members".
+std::string_view name(SphereRows rows);
+/// "index", "contribution".
+std::string_view name(SphereOrder order);
+/// "json", "png", "svg".
+std::string_view name(FigureFormat format);
+/// "volume", "model".
+std::string_view name(Applied what);
+std::string_view media_type(FigureFormat format);
 
 /// Ids of the models, volumes and registrations that a request is for, each once.
 std::vector<std::string> inputs_of(const WorkRequest& request);

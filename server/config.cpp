@@ -266,22 +266,26 @@ constexpr std::array<Named, 5> commands = {{{"serve", serve, ""},
                                             {"backup", backup, "DIR"},
                                             {"restore", restore, "DIR"}}};
 
+// The command that the arguments begin with, and its operand, which are taken away.
+CommandLine command_of(std::span<const char* const>& arguments) {
+  CommandLine line;
+  if (arguments.empty() || *arguments[0] == '-') return line;
+  const auto named = std::ranges::find(commands, std::string_view(arguments[0]), &Named::name);
+  if (named == commands.end()) refuse(std::string(arguments[0]) + " is not a command of this server");
+  line.command = named->command;
+  arguments = arguments.subspan(1);
+  if (named->operand.empty()) return line;
+  if (arguments.empty() || *arguments[0] == '-' || *arguments[0] == '\0')
+    refuse(std::string(named->name) + " needs a " + std::string(named->operand));
+  line.operand = arguments[0];
+  arguments = arguments.subspan(1);
+  return line;
+}
+
 }  // namespace
 
 CommandLine parse_command_line(std::span<const char* const> arguments, const Environment& environment) {
-  CommandLine line;
-  if (!arguments.empty() && *arguments[0] != '-') {
-    const auto named = std::ranges::find(commands, std::string_view(arguments[0]), &Named::name);
-    if (named == commands.end()) refuse(std::string(arguments[0]) + " is not a command of this server");
-    line.command = named->command;
-    arguments = arguments.subspan(1);
-    if (!named->operand.empty()) {
-      if (arguments.empty() || *arguments[0] == '-' || *arguments[0] == '\0')
-        refuse(std::string(named->name) + " needs a " + std::string(named->operand));
-      line.operand = arguments[0];
-      arguments = arguments.subspan(1);
-    }
-  }
+  CommandLine line = command_of(arguments);
   const char* file = environment("SPHERULE_CONFIG");
   std::string path = file != nullptr ? file : "";
   std::vector<std::tuple<const Setting*, std::string, std::string>> given;  // flags wait for the file

@@ -71,39 +71,82 @@ server::ConnectionLimits connection_limits(const server::Config& config) {
   return limits;
 }
 
-int serve(const server::Config& config) {
-  // Blocked before any thread starts, so that all inherit it and only sigwait takes them.
+// Blocked before any thread starts, so that all inherit it and only sigwait takes them.
+sigset_t blocked_signals() {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  return signals;
+}
 
+server::PipelineLogs logs_of(server::AppendLog& audit) {
+  return {.fault = log_fault,
+          .job_ended = log_job,
+          .expired =
+              [&](const std::string& id) {
+                const auto event =
+                    server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
+                if (!audit.append(event, false)) log(event);
+              },
+          .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); },
+          .aside = [](const std::string& name) { log(server::LogLine("set_aside").add("object", name)); },
+          .clock_moved =
+              [](std::chrono::seconds by) {
+                log(server::LogLine("clock_moved").add("seconds", std::int64_t{by.count()}));
+              }};
+}
+
+server::ListenerOptions listener_options(const server::Config& config) {
+  return {.host = config.host,
+          .port = config.port,
+          .tls_certificate = config.tls_certificate,
+          .tls_key = config.tls_key,
+          .max_streams = config.max_streams,
+          .connections = connection_limits(config)};
+}
+
+// Returns once a signal has ended the service: with what the process is to end.
+int serve_until(const sigset_t& signals, const server::Config& config, server::Pipeline& pipeline,
+                server::Listener& listener) {
+  std::jthread network([&] {
+    try {
+      listener.run();
+    } catch (const std::exception& error) {
+      log_fault("listener", error.what());
+      ::kill(::getpid(), SIGTERM);
+    }
+  });
+  std::printf("Spherule listens on %s://%s:%d\n", config.tls_key.empty() ? "http" : "https", config.host.c_str(),
+              int{listener.port()});
+  std::fflush(stdout);
+
+  int signal = 0;
+  sigwait(&signals, &signal);
+  log(server::LogLine("stopping"));
+  // Answering goes on meanwhile; a second signal ends the patience.
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  const bool at_rest = pipeline.stop(config.drain);
+  listener.stop();
+  log(server::LogLine("stopped"));
+  if (at_rest) return 0;
+  // A job that does not hear must not hold up whoever stops the machine; all that is to last is on the disk.
+  log_fault("pool", "a job did not stop when it was told to");
+  std::_Exit(0);
+}
+
+int serve(const server::Config& config) {
+  const sigset_t signals = blocked_signals();
   const api::AllowedOrigins origins = api::origins_from(config.cors_origins);
   server::RequestMetrics requests;
   std::optional<server::Listener> listener;
   server::AppendLog audit(config.audit_log);
-  server::Pipeline pipeline(
-      config,
-      {.fault = log_fault,
-       .job_ended = log_job,
-       .expired =
-           [&](const std::string& id) {
-             const auto event =
-                 server::LogLine("audit").add("who", "retention").add("action", "expire").add("object", id);
-             if (!audit.append(event, false)) log(event);
-           },
-       .damaged = [](const std::string& id) { log(server::LogLine("damaged").add("object", id)); },
-       .aside = [](const std::string& name) { log(server::LogLine("set_aside").add("object", name)); },
-       .clock_moved =
-           [](std::chrono::seconds by) {
-             log(server::LogLine("clock_moved").add("seconds", std::int64_t{by.count()}));
-           }},
-      [&] {
-        std::vector<api::Metric> metrics = requests.collect();
-        for (auto& metric : metrics_of(listener->load())) metrics.push_back(std::move(metric));
-        return metrics;
-      });
+  server::Pipeline pipeline(config, logs_of(audit), [&] {
+    std::vector<api::Metric> metrics = requests.collect();
+    for (auto& metric : metrics_of(listener->load())) metrics.push_back(std::move(metric));
+    return metrics;
+  });
   // One for each who may ask: event streams keep theirs.
   std::map<std::string, server::Pipeline> clients;
   clients.emplace("local", pipeline.on_behalf_of("local", server::Scope::admin));
@@ -123,12 +166,7 @@ int serve(const server::Config& config) {
     });
   };
   listener.emplace(
-      server::ListenerOptions{.host = config.host,
-                              .port = config.port,
-                              .tls_certificate = config.tls_certificate,
-                              .tls_key = config.tls_key,
-                              .max_streams = config.max_streams,
-                              .connections = connection_limits(config)},
+      listener_options(config),
       server::Listener::Handlers{.answer =
                                      [&](const api::Request& request) {
                                        return api::with_cors(origins, request, [&] { return answer(request); });
@@ -143,30 +181,7 @@ int serve(const server::Config& config) {
         requests.count(request);
         log_access(request);
       });
-  std::jthread network([&] {
-    try {
-      listener->run();
-    } catch (const std::exception& error) {
-      log_fault("listener", error.what());
-      ::kill(::getpid(), SIGTERM);
-    }
-  });
-  std::printf("Spherule listens on %s://%s:%d\n", config.tls_key.empty() ? "http" : "https", config.host.c_str(),
-              int{listener->port()});
-  std::fflush(stdout);
-
-  int signal = 0;
-  sigwait(&signals, &signal);
-  log(server::LogLine("stopping"));
-  // Answering goes on meanwhile; a second signal ends the patience.
-  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
-  const bool at_rest = pipeline.stop(config.drain);
-  listener->stop();
-  log(server::LogLine("stopped"));
-  if (at_rest) return 0;
-  // A job that does not hear must not hold up whoever stops the machine; all that is to last is on the disk.
-  log_fault("pool", "a job did not stop when it was told to");
-  std::_Exit(0);
+  return serve_until(signals, config, pipeline, *listener);
 }
 
 int make_key(const server::CommandLine& line) {

@@ -6,9 +6,11 @@
 #include <memory>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "api/json/documents.h"
-#include "api/json/work.h"
-#include "api/requests.h"
+#include "api/paths.h"
 
 namespace spherule::api {
 

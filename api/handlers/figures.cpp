@@ -2,7 +2,9 @@
 #include <array>
 
 #include "api/handlers/handlers.h"
-#include "api/requests.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 
 namespace spherule::api {
 

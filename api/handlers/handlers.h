@@ -9,8 +9,10 @@
 #include <string_view>
 #include <vector>
 
+#include "api/handlers/parameters.h"
 #include "api/http/http.h"
-#include "api/requests.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "core/render/plot.h"
 
 namespace spherule::api {
@@ -28,11 +30,13 @@ Response list_things(const Call& call, Collection collection);
 Response get_thing(const Call& call, Collection collection);
 Response delete_thing(const Call& call, Collection collection);
 
+// /v1/volumes
 Response post_volume(const Call& call);
 Response get_volume_content(const Call& call);
 Response get_volume_histogram(const Call& call);
 Response get_slice(const Call& call);
 
+// /v1/models
 Response post_model(const Call& call);
 Response get_spheres(const Call& call);
 Response get_measures(const Call& call);
@@ -43,22 +47,26 @@ Response get_export(const Call& call);
 Response post_simplification(const Call& call);
 Response get_tree(const Call& call);
 
+// /v1/uploads
 Response post_upload(const Call& call);
 Response get_upload(const Call& call);
 Response patch_upload(const Call& call);
 Response delete_upload(const Call& call);
 
+// /v1/registrations
 Response post_registration(const Call& call);
 Response get_registration(const Call& call);
 Response get_registration_render(const Call& call);
 Response get_applied(const Call& call);
 Response post_apply(const Call& call);
 
+// /v1/jobs
 Response list_jobs(const Call& call);
 Response get_job(const Call& call);
 Response cancel_job(const Call& call);
 Response get_job_events(const Call& call);
 
+// Of the program itself.
 Response get_livez(const Call& call);
 Response get_readyz(const Call& call);
 Response get_metrics(const Call& call);
@@ -67,7 +75,6 @@ Response get_contract(const Call& call);
 Response get_docs(const Call& call);
 
 // What the head of a request must say of its body. Each throws HttpError 415.
-
 void check_model_body(const Request& request);
 void check_simplification_body(const Request& request);
 void check_first_piece(const Request& request);

@@ -4,8 +4,10 @@
 #include <array>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "api/json/documents.h"
-#include "api/requests.h"
 #include "api/routes.h"
 
 namespace spherule::api {

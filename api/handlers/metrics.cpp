@@ -6,7 +6,9 @@
 #include <cstdio>
 
 #include "api/handlers/handlers.h"
-#include "api/requests.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 
 namespace spherule::api {
 

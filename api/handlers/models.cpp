@@ -3,9 +3,12 @@
 #include <array>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
+#include "api/http/query.h"
+#include "api/json/bodies.h"
 #include "api/json/documents.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 
@@ -24,10 +27,10 @@ Response import_spheres(const Call& call, SphereFormat format) {
 }
 
 Response make_model(const Call& call) {
-  const ModelWish wish = model_wish(json_body(call));
-  ModelRequest request{.volume = wish.volume, .rule = wish.rule};
-  if (!wish.side_given && wish.rule.kind == ObjectRule::Kind::threshold) {
-    request.rule.side = call.service.find<VolumeInfo>(wish.volume).natural_side;
+  const ModelBody body = model_body(json_body(call));
+  ModelRequest request{.volume = body.volume, .rule = body.rule};
+  if (!body.side_given && body.rule.kind == ObjectRule::Kind::threshold) {
+    request.rule.side = call.service.find<VolumeInfo>(body.volume).natural_side;
   }
   return made(call, request);
 }

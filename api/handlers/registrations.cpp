@@ -2,10 +2,13 @@
 #include <array>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
+#include "api/http/query.h"
+#include "api/json/bodies.h"
 #include "api/json/documents.h"
 #include "api/json/registration_documents.h"
-#include "api/requests.h"
 #include "core/register/itk.h"
 
 namespace spherule::api {
@@ -21,7 +24,7 @@ Response applied(const Call& call, AppliedRequest request) {
 
 Response post_registration(const Call& call) {
   const Query query(call.request, {});
-  return made(call, registration_wish(json_body(call)));
+  return made(call, registration_body(json_body(call)));
 }
 
 Response get_registration(const Call& call) {
@@ -51,7 +54,7 @@ Response get_applied(const Call& call) {
 Response post_apply(const Call& call) {
   const Query query(call.request, {});
   const Body* body = call.request.body;
-  return applied(call, applied_wish(body != nullptr && body->present() ? json_body(call) : std::string()));
+  return applied(call, apply_body(body != nullptr && body->present() ? json_body(call) : std::string()));
 }
 
 }  // namespace spherule::api

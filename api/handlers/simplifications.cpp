@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
-#include "api/requests.h"
+#include "api/http/query.h"
+#include "api/json/bodies.h"
 
 namespace spherule::api {
 
@@ -16,7 +19,7 @@ Response post_simplification(const Call& call) {
     throw Error(ErrorCode::invalid_argument, "Send a JSON object such as {\"method\": \"best\", \"k\": 64}.");
   }
   check_simplification_body(call.request);
-  return made(call, SimplificationRequest{.model = call.id(), .method = simplify_wish(json_body(call))});
+  return made(call, SimplificationRequest{.model = call.id(), .method = simplification_body(json_body(call))});
 }
 
 Response get_tree(const Call& call) {

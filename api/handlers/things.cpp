@@ -2,8 +2,10 @@
 //
 // What volumes, models and registrations have in common: they are listed, told of and deleted.
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "api/json/documents.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 

@@ -8,9 +8,11 @@
 #include <optional>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
+#include "api/http/query.h"
 #include "api/json/documents.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 

@@ -2,9 +2,11 @@
 #include <cmath>
 
 #include "api/handlers/handlers.h"
+#include "api/handlers/parameters.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "api/json/documents.h"
 #include "api/json/records.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
-#include "api/requests.h"
 
 namespace spherule::api {
 

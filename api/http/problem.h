@@ -33,6 +33,7 @@ int status_of(ErrorCode code);
 /// request's id (left out when empty).
 std::string problem_document(const Error& error, const std::string& instance);
 
+/// The response of an error.
 Response problem(const Error& error, const std::string& instance);
 Response problem(const HttpError& error, const std::string& instance);
 /// A status that has no Error behind it: what the HTTP library refuses by itself, and 500 for our own defects.

@@ -10,7 +10,7 @@
 #include "api/http/problem.h"
 #include "api/json/parts.h"
 #include "api/json/stored_json.h"
-#include "api/json/work.h"
+#include "api/paths.h"
 
 namespace spherule::api {
 
@@ -652,25 +652,6 @@ std::string_view name(JobState state) {
   return names[static_cast<std::size_t>(state)];
 }
 
-std::string_view name(SphereFormat format) {
-  constexpr std::array<std::string_view, 4> names = {"csv", "npy", "ply", "vtp"};
-  return names[static_cast<std::size_t>(format)];
-}
-
-std::string_view name(SphereFigure figure) {
-  constexpr std::array<std::string_view, sphere_figures.size()> names = {
-      "index", "volume_mm3", "area_mm2",   "share",    "rank",    "cumulative_share",
-      "node",  "parent",     "level_from", "level_to", "members", "cluster"};
-  return names[static_cast<std::size_t>(figure)];
-}
-
-std::string_view name(SphereRows rows) {
-  constexpr std::array<std::string_view, 3> names = {"spheres", "nodes", "members"};
-  return names[static_cast<std::size_t>(rows)];
-}
-
-std::string_view name(SphereOrder order) { return order == SphereOrder::index ? "index" : "contribution"; }
-
 std::string iso_time(Time time) {
   const auto ms = std::chrono::floor<std::chrono::milliseconds>(time);
   const auto s = std::chrono::floor<std::chrono::seconds>(ms);
@@ -682,8 +663,6 @@ std::string iso_time(Time time) {
   const std::string fraction = std::to_string(1000 + (ms - s).count());
   return second.data() + fraction.substr(1) + "Z";
 }
-
-std::string_view name(Applied what) { return what == Applied::volume ? "volume" : "model"; }
 
 std::string_view name(Collection collection) {
   constexpr std::array<std::string_view, 3> names = {"volumes", "models", "registrations"};

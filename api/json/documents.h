@@ -44,16 +44,6 @@ std::string status_document(std::string_view status);
 /// One line, without a line break: the data of a server-sent event.
 std::string event_data(const JobEvent& event);
 
-/// "csv", "npy", "ply", "vtp".
-std::string_view name(SphereFormat format);
-/// "index", "volume_mm3", …
-std::string_view name(SphereFigure figure);
-/// "spheres", "nodes", "members".
-std::string_view name(SphereRows rows);
-/// "index", "contribution".
-std::string_view name(SphereOrder order);
-/// "volume", "model".
-std::string_view name(Applied what);
 /// ISO 8601 UTC to the millisecond.
 std::string iso_time(Time time);
 

@@ -18,6 +18,7 @@ inline std::optional<Label> label_from(const nlohmann::json& value) {
   return std::nullopt;
 }
 
+/// An array of them.
 inline nlohmann::json labels_json(const std::vector<Label>& labels) {
   nlohmann::json array = nlohmann::json::array();
   for (const Label label : labels) {

@@ -27,12 +27,15 @@ namespace spherule::api::json_parts {
 using Json = nlohmann::json;
 using Ordered = nlohmann::ordered_json;
 
+/// [x, y, z].
 template <typename AnyJson>
 AnyJson triple(Vec3 v) {
   return AnyJson::array({v.x, v.y, v.z});
 }
+/// What triple() gives.
 Vec3 triple_from(const Json& json);
 
+/// Its threshold, range or labels, and inside and border.
 template <typename AnyJson>
 AnyJson rule(const ObjectRule& rule) {
   AnyJson json = AnyJson::object();
@@ -46,6 +49,7 @@ AnyJson rule(const ObjectRule& rule) {
   json["border"] = rule.border == Border::closed ? "closed" : "open";
   return json;
 }
+/// What rule() gives.
 ObjectRule rule_from(const Json& json);
 
 /// Of a registration.
@@ -72,6 +76,7 @@ AnyJson parameters(const RegistrationRequest& request) {
 Json parameters(const VolumeParameters& parameters);
 VolumeParameters parameters_from(const Json& json);
 
+/// Their digests and sizes.
 Json files(std::span<const StoredFile> files, bool with_names);
 
 /// As in json/work.h.

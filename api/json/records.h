@@ -14,9 +14,11 @@
 
 namespace spherule::api {
 
+/// Of a volume.
 std::string record_of(const VolumeInfo& volume);
 VolumeInfo volume_from(std::string_view record);
 
+/// Of a model.
 std::string record_of(const ModelInfo& model);
 ModelInfo model_from(std::string_view record);
 

@@ -5,11 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "api/json/documents.h"
 #include "api/json/label_json.h"
 #include "api/json/parts.h"
 #include "api/json/stored_json.h"
-#include "api/requests.h"
 #include "core/render/options.h"
 
 namespace spherule::api {
@@ -42,7 +40,6 @@ E one_of(const std::array<E, n>& words, const Json& json) {
 constexpr std::array kSphereFormats{SphereFormat::csv, SphereFormat::npy, SphereFormat::ply, SphereFormat::vtp};
 constexpr std::array kOrders{SphereOrder::index, SphereOrder::contribution};
 constexpr std::array kRows{SphereRows::spheres, SphereRows::nodes, SphereRows::members};
-constexpr std::array kFigureFormats{FigureFormat::json, FigureFormat::png, FigureFormat::svg};
 constexpr std::array kTransforms{TransformKind::rigid, TransformKind::similarity, TransformKind::affine};
 constexpr std::array kRegistrationMethods{RegistrationMethod::global, RegistrationMethod::matching};
 constexpr std::array kApplied{Applied::volume, Applied::model};
@@ -145,7 +142,7 @@ void write(Json& json, const SliceRequest& request) {
 void read(const Json& json, SliceRequest& request) {
   request.axis = json.at("axis");
   request.index = json.at("index");
-  for (const FigureFormat format : kFigureFormats)
+  for (const FigureFormat format : figure_formats)
     if (json.at("format") == media_type(format)) request.format = format;
   if (json.contains("object")) request.object = json_parts::rule_from(json.at("object"));
   request.options = parse_slice_options(texts_from(json, "options"));
@@ -238,59 +235,6 @@ std::string identity_of(std::span<const StoredFile> files, const VolumeParameter
 
 std::string identity_of(const StoredFile& file, SphereFormat format, const std::string& algorithm_version) {
   return identity({{"imported", file.sha256}, {"format", name(format)}}, algorithm_version);
-}
-
-namespace {
-
-// What follows the source's path, before the level.
-struct Path {
-  std::string operator()(const MeasuresRequest&) const { return "/measures"; }
-  std::string operator()(const ChecksRequest&) const { return "/checks"; }
-  std::string operator()(const RenderRequest& r) const { return "/render" + query_of(r); }
-  std::string operator()(const ExportRequest& e) const {
-    std::string path = "/exports/" + std::string(name(e.format));
-    char before = '?';
-    for (const SphereFigure figure : e.listing.columns) {
-      path += (before == '?' ? "?columns=" : ",") + std::string(name(figure));
-      before = '&';
-    }
-    if (e.listing.order != SphereOrder::index) {
-      path += before + ("order=" + std::string(name(e.listing.order)));
-      before = '&';
-    }
-    if (e.listing.rows != SphereRows::spheres) path += before + ("rows=" + std::string(name(e.listing.rows)));
-    return path;
-  }
-  std::string operator()(const FileRequest& f) const {
-    return "/exports/" + std::string(info(f.format).name) + query_of(f);
-  }
-  std::string operator()(const ContributionsRequest&) const { return "/spheres?order=contribution"; }
-  std::string operator()(const TreeRequest& t) const {
-    std::string path = "/tree";
-    for (std::size_t i = 0; i < t.levels.size(); ++i) {
-      path += (i == 0 ? "?levels=" : ",") + std::to_string(t.levels[i]);
-    }
-    return path;
-  }
-  std::string operator()(const SliceRequest& s) const {
-    return std::string("/slices/") + "ijk"[s.axis] + "/" + std::to_string(s.index) + query_of(s);
-  }
-  std::string operator()(const ValuesRequest& v) const { return "/histogram?buckets=" + std::to_string(v.buckets); }
-  std::string operator()(const BeforeAfterRequest& b) const { return "/render" + query_of(b); }
-  std::string operator()(const AppliedRequest& a) const { return "/apply?what=" + std::string(name(a.what)); }
-};
-
-}  // namespace
-
-std::string path_of(const WorkRequest& request, const std::string& result_id) {
-  const auto* derived = std::get_if<DerivedRequest>(&request);
-  if (derived == nullptr)
-    return (std::holds_alternative<RegistrationRequest>(request) ? "/v1/registrations/" : "/v1/models/") + result_id;
-  std::string path = "/v1/" + std::string(kind_of(request).source) + "s/" + derived->source;
-  path += std::visit(Path{}, derived->what);
-  if (derived->level > 0)
-    path += (path.find('?') == path.npos ? "?level=" : "&level=") + std::to_string(derived->level);
-  return path;
 }
 
 }  // namespace spherule::api

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// Requests as JSON text: what the catalogue keeps of them, what ids are made of, and the paths that they have.
+// Requests as JSON text: what the catalogue keeps of them, and what ids are made of.
 #pragma once
 
 #include <span>
@@ -26,8 +26,5 @@ std::string identity_of(const WorkRequest& request, const std::string& algorithm
 std::string identity_of(std::span<const StoredFile> files, const VolumeParameters& parameters);
 /// Of imported spheres.
 std::string identity_of(const StoredFile& file, SphereFormat format, const std::string& algorithm_version);
-
-/// The path, with its query, that gives what the request makes.
-std::string path_of(const WorkRequest& request, const std::string& result_id);
 
 }  // namespace spherule::api

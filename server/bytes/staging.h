@@ -76,8 +76,8 @@ class Staging {
 
   /// Makes the bytes durable (they survive a power cut once this returns) and returns the key to open them by.
   /// Every commit makes a new key, never used before: `name`, the digest and a random part, so two uploads of the same
-  /// bytes cannot disturb each other. `name` is one or two parts of [a-z0-9_-]+ with a slash between,
-  /// e.g. "volumes/vol_1f…-0"; never text that a client chose. At most once. Throws no_space.
+  /// bytes cannot disturb each other. `name` is one or two parts of [a-z0-9_-]+ with a slash between, such as
+  /// "volumes/vol_1f…-0"; never text that a client chose. At most once. Throws no_space.
   [[nodiscard]] virtual std::string commit(std::string_view name) = 0;
 
  protected:

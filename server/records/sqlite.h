@@ -20,6 +20,7 @@ struct sqlite3_stmt;
 
 namespace spherule::server::sqlite {
 
+/// For a file that is damaged.
 [[noreturn]] void throw_corrupt();
 /// For a file that another process has.
 [[noreturn]] void throw_busy();

@@ -74,6 +74,7 @@ std::uint64_t memory_to_slice(const api::SliceRequest& wanted, const api::Volume
 /// Of a histogram of its values.
 constexpr std::uint64_t memory_to_count_values(const ScanSize& scan) { return scan.bytes; }
 
+/// Of registering two models.
 std::uint64_t memory_to_register(const ModelSize& fixed, const ModelSize& moving);
 /// Of the moving model or its volume on the grid of the fixed one's.
 std::uint64_t memory_to_apply(api::Applied what, const ModelSize& fixed, const ModelSize& moving);

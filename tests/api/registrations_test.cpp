@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/json/registration_documents.h"
+#include "api/paths.h"
 #include "api/routes.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"

@@ -5,8 +5,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "api/http/negotiation.h"
 #include "api/http/problem.h"
-#include "api/requests.h"
 #include "core/base/ranges.h"
 #include "tests/api/stub.h"
 #include "tests/contract/contract.h"

@@ -8,7 +8,8 @@
 #include <string>
 #include <string_view>
 
-#include "api/requests.h"
+#include "api/http/negotiation.h"
+#include "api/http/query.h"
 #include "api/routes.h"
 #include "tests/api/stub.h"
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "api/paths.h"
 #include "core/base/error.h"
 #include "tests/api/stub.h"
 
