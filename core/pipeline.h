@@ -40,4 +40,8 @@ struct BuiltModel {
 BuiltModel build_model(const Volume& volume, const ObjectRule& rule, const ModelLimits& limits = {},
                        const Context& context = {});
 
+/// The same of samples that classify_samples has given: without the stage "samples".
+BuiltModel build_model(const Volume& volume, const ObjectRule& rule, const InsideSamples& samples,
+                       const ModelLimits& limits, const Context& context = {});
+
 }  // namespace spherule

@@ -43,17 +43,17 @@ Resource run(Store& store, const api::ModelRequest& request, const std::string& 
   info.id = id;
   info.algorithm_version = algorithm_version_text();
   info.source = request;
-  {
-    const InsideSamples samples = classify_samples(volume, request.rule, context);
-    info.voxels = measure_voxels(volume.grid, samples.inside);
-    const std::size_t points = count_boundary_points(samples, request.rule.border, context);
-    // More are refused below.
-    const ScanSize scan{.samples = volume.grid.sample_count(), .bytes = volume.voxels.size()};
-    job.expect_memory(memory_to_model(scan, std::min<std::uint64_t>(points, store.config.max_boundary_points)));
-  }
+  const InsideSamples samples = classify_samples(volume, request.rule, context);
+  watch.lap("samples");
+  info.voxels = measure_voxels(volume.grid, samples.inside);
+  const std::size_t points = count_boundary_points(samples, request.rule.border, context);
+  // More are refused below.
+  const ScanSize scan{.samples = volume.grid.sample_count(), .bytes = volume.voxels.size()};
+  job.expect_memory(memory_to_model(scan, std::min<std::uint64_t>(points, store.config.max_boundary_points)));
   watch.lap("voxels");
 
-  BuiltModel built = build_model(volume, request.rule, {.max_points = store.config.max_boundary_points}, context);
+  BuiltModel built =
+      build_model(volume, request.rule, samples, {.max_points = store.config.max_boundary_points}, context);
   for (const StageTime& time : built.timings) watch.set(time.stage, time.seconds);
   info.warnings = std::move(built.warnings);
   for (const std::string& warning : info.warnings) job.warn(warning);

@@ -35,6 +35,110 @@ TEST(Records, OfVolumesReadBack) {
   EXPECT_TRUE(w.parameters.raw->big_endian);
 }
 
+// The bindings name every member: a new one does not compile until it is told of here, with a value of its own.
+TEST(Records, LoseNoMember) {
+  VolumeInfo v = StubService::volume_info();
+  v.format = "nrrd";
+  v.slope = 2;
+  v.intercept = -3;
+  v.range = {-1.5, 255, 7};
+  const VolumeInfo w = volume_from(record_of(v));
+  const auto& [id, created, files, parameters, format, grid, type, slope, intercept, range, side, warnings] = w;
+  EXPECT_EQ(id, v.id);
+  EXPECT_EQ(created, v.created);
+  ASSERT_EQ(files.size(), v.files.size());
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const auto& [name, sha256, bytes] = files[i];
+    EXPECT_EQ(name, v.files[i].name);
+    EXPECT_EQ(sha256, v.files[i].sha256);
+    EXPECT_EQ(bytes, v.files[i].bytes);
+  }
+  const auto& [raw, frame, name_of_grid] = parameters;
+  EXPECT_FALSE(raw || frame || !name_of_grid.empty());
+  EXPECT_EQ(format, v.format);
+  const auto& [dims, spacing, origin, direction] = grid;
+  EXPECT_EQ(dims, v.grid.dims);
+  EXPECT_EQ(spacing, v.grid.spacing);
+  EXPECT_EQ(origin, v.grid.origin);
+  EXPECT_EQ(direction, v.grid.direction);
+  EXPECT_EQ(type, v.type);
+  EXPECT_EQ(slope, v.slope);
+  EXPECT_EQ(intercept, v.intercept);
+  const auto& [least, most, not_finite] = range;
+  EXPECT_EQ(least, v.range.min);
+  EXPECT_EQ(most, v.range.max);
+  EXPECT_EQ(not_finite, v.range.not_finite);
+  EXPECT_EQ(side, v.natural_side);
+  EXPECT_EQ(warnings, v.warnings);
+}
+
+TEST(Records, LoseNoMemberOfAModel) {
+  ModelInfo m = StubService::model_info();
+  m.simplification = StubService::simplified_info().simplification;  // never both; here they do not disturb each other
+  m.imported_format = "npy";
+  m.warnings = {"A sentence."};
+  Achieved& a = m.simplification->achieved;
+  a = {.spheres = 3,
+       .iou = 0.1,
+       .object_mm3 = 2,
+       .covered_mm3 = 3,
+       .spilled_mm3 = 4,
+       .never_spills = true,
+       .covers_all = true,
+       .volume_mm3 = 5,
+       .volume_error = 6,
+       .area_mm2 = 7,
+       .area_error = 8,
+       .hausdorff = Achieved::Hausdorff{1, 2, 3, 4},
+       .before = {{1, 2, 3}, 4},
+       .after = {{5, 6, 7}, 8}};
+  const ModelInfo n = model_from(record_of(m));
+  const auto& [id, created, version, source, simplification, imported, points, cells, inside, spheres, density, voxels,
+               bounds, timings, warnings] = n;
+  EXPECT_EQ(id, m.id);
+  EXPECT_EQ(created, m.created);
+  EXPECT_EQ(version, m.algorithm_version);
+  EXPECT_EQ(source->volume, m.source->volume);
+  EXPECT_EQ(source->rule, m.source->rule);
+  EXPECT_EQ(imported, m.imported_format);
+  EXPECT_EQ(points, m.boundary_points);
+  EXPECT_EQ(cells, m.tetrahedra);
+  EXPECT_EQ(inside, m.inside_tetrahedra);
+  EXPECT_EQ(spheres, m.spheres);
+  EXPECT_EQ(density, m.boundary_point_density_mm);
+  EXPECT_EQ(voxels->count, m.voxels->count);
+  EXPECT_EQ(voxels->volume_mm3, m.voxels->volume_mm3);
+  EXPECT_EQ(bounds.min, m.bounds.min);
+  EXPECT_EQ(bounds.max, m.bounds.max);
+  EXPECT_EQ(timings, m.timings_s);
+  EXPECT_EQ(warnings, m.warnings);
+  const auto& [request, levels, nodes, achieved, gap, seconds] = *simplification;
+  EXPECT_EQ(request.model, m.simplification->request.model);
+  EXPECT_EQ(method_texts(request.method), method_texts(m.simplification->request.method));
+  EXPECT_EQ(levels, m.simplification->levels);
+  EXPECT_EQ(nodes, m.simplification->nodes);
+  EXPECT_EQ(gap, m.simplification->optimality_gap);
+  EXPECT_EQ(seconds, m.simplification->seconds);
+  const auto& [count, iou, object, covered, spilled, never_spills, covers_all, volume, volume_error, area, area_error,
+               hausdorff, before, after] = achieved;
+  EXPECT_EQ(count, a.spheres);
+  EXPECT_EQ(iou, a.iou);
+  EXPECT_EQ(object, a.object_mm3);
+  EXPECT_EQ(covered, a.covered_mm3);
+  EXPECT_EQ(spilled, a.spilled_mm3);
+  EXPECT_TRUE(never_spills && covers_all);
+  EXPECT_EQ(volume, a.volume_mm3);
+  EXPECT_EQ(volume_error, a.volume_error);
+  EXPECT_EQ(area, a.area_mm2);
+  EXPECT_EQ(area_error, a.area_error);
+  const auto& [mm, to_spheres, to_object, of_diagonal] = *hausdorff;
+  EXPECT_EQ((std::array{mm, to_spheres, to_object, of_diagonal}), (std::array<double, 4>{1, 2, 3, 4}));
+  EXPECT_EQ(before.betti, a.before.betti);
+  EXPECT_EQ(before.euler_characteristic, 4);
+  EXPECT_EQ(after.betti, a.after.betti);
+  EXPECT_EQ(after.euler_characteristic, 8);
+}
+
 TEST(Records, OfModelsReadBack) {
   for (const ModelInfo& m : {StubService::model_info(), StubService::imported_info(), StubService::simplified_info()}) {
     EXPECT_EQ(record_of(model_from(record_of(m))), record_of(m));
