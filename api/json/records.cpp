@@ -6,6 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <type_traits>
+#include <utility>
 
 #include "api/json/parts.h"
 #include "api/json/stored_json.h"
@@ -136,7 +137,10 @@ class Reader {
   }
   template <typename T>
   void operator()(const char* name, std::optional<T>& value) {
-    if (json_.contains(name)) read(json_.at(name), value.emplace());
+    if (!json_.contains(name)) return;
+    T member{};
+    read(json_.at(name), member);
+    value = std::move(member);
   }
 
  private:
